@@ -15,11 +15,11 @@ help:  ## list the chores
 demo: $(INSTALLED)  ## identify the simulated motor and write a report; DEMO_OUT=DIR says where
 	$(BIN)/servobench run --overwrite --out "$(DEMO_OUT)"
 
-test: $(INSTALLED)  ## run the tests, two files at a time; ARGS='-k pattern' is passed on to pytest
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ARGS)
+test: $(INSTALLED)  ## run the tests, three files at a time; ARGS='-k pattern' is passed on to pytest
+	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test-long: $(INSTALLED)  ## run what takes long and a test of `make test` shows in part: many runs, thousands of damaged files
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m long $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal -m long $(ARGS)
 
 check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/ruff format --check .

@@ -1,10 +1,12 @@
 """What every test may use: real recordings where they are at hand, and the rules that hold under CI."""
 
+import gc
 import os
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterator
 from fnmatch import fnmatchcase
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,8 @@ ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")
 UNDER_CI = os.environ.get("CI", "").lower() in {"1", "true", "yes"}
 
-# Two tests run at a time. With a thread for each core in both, the linear algebra of 4 x 4 matrices would wait for the other one:
-# three quarters of a frequency response's fit. NumPy reads it when it is imported, here and in what is started.
+# Three files are run at a time. With a thread for each core in each, the linear algebra of 4 x 4 matrices would wait for the
+# others: three quarters of a frequency response's fit. NumPy reads it when it is imported, here and in what is started.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # A shell that starts something in the background has it ignore Ctrl-C, and nohup the end of the terminal. The processes that the
@@ -34,11 +36,44 @@ for name in ("COLUMNS", "LINES", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "T
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# While tests are collected there is no garbage, only ever more to go through; pytest_collection_finish enables it.
+gc.disable()
+
 # No deadline: the first example of a property compiles the kernels, and a shared machine stalls now and then.
 hypothesis.settings.register_profile("local", deadline=None)
 # Under CI the same examples every time: a red run is about the change, and can be repeated elsewhere.
 hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("ci" if UNDER_CI else "local")
+
+
+WAITING = ("stories", "hang", "panel", "docs", "cli", "bench", "faults")
+"""Folders of tests that wait for processes and browsers, the longest first."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put files that wait in turns with files that compute, so that neither kind has the processors, or the end, to itself."""
+    files = list(dict.fromkeys(item.path for item in items))
+    folders = {
+        path: path.relative_to(ROOT / "tests").parts[0]
+        for path in files
+        if path.is_relative_to(ROOT / "tests")
+    }
+    waiting = sorted(
+        (path for path in files if folders.get(path) in WAITING),
+        key=lambda path: WAITING.index(folders[path]),
+    )
+    computing = [path for path in files if folders.get(path) not in WAITING]
+    turns = [path for pair in zip_longest(waiting, computing) for path in pair if path is not None]
+    places = {path: place for place, path in enumerate(turns)}
+    items.sort(key=lambda item: places[item.path])
+
+
+def pytest_collection_finish() -> None:
+    """Let the collector of garbage leave ten thousand tests alone, which it went through again and again: a sixth of the time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -69,7 +69,8 @@ def _serve() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print while they are warmed up is no answer
     _warm_up()
-    gc.freeze()  # a collection in a fork would copy what the parent holds
+    gc.freeze()  # a collection in a fork would copy what the parent holds, and go through it
+    gc.set_threshold(20_000, 20, 20)  # as in the tests themselves
     for line in sys.stdin:
         words, cwd, environment, timeout, out, err = json.loads(line)
         child = os.fork()

@@ -113,7 +113,7 @@ PARTICIPLE = re.compile(
     r"\w+(ed|en|ing)|told|known|drawn|held|seen|kept|made|said|shown|found|left|put|met|begun|gone|done|built|spent|sent|lost"
 )
 VERBS_AND_NOUNS = {
-    "anything", "between", "bring", "clipping", "codegen", "crossing", "drawing", "embed", "ending", "even", "finding",
+    "anything", "between", "bring", "clipping", "codegen", "crossing", "drawing", "embed", "ending", "even", "feed", "finding",
     "happen", "heading", "heed", "len", "listen", "mapping", "meaning", "nothing", "open", "opening", "pen", "put",
     "reading", "recording", "rounding", "seed", "setting", "settling", "smoothing", "spacing", "speed", "swing",
     "switching", "then", "timing", "tracking", "training", "warming", "warning", "weighting", "whiten", "widen", "winding",

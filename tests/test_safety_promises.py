@@ -114,10 +114,10 @@ def test_what_has_to_be_known_first_stands_first() -> None:
     top = (ROOT / check.PAGE).read_text(encoding="utf-8").partition("\n## ")[0]
 
     for words in (
-        "Software is no safety function",
+        "Software isn't a safety function",
         "a switch in the motor's supply",
         "A killed loop can't put out zero volts",
-        "only the device's own watchdog stops the motor",
+        "Only the device's own watchdog stops the motor",
         "Never run on hardware",
         "Windows and macOS have none",
     ):
@@ -135,14 +135,14 @@ def test_the_figures_on_the_page_are_those_of_the_code_and_of_the_tests() -> Non
 
     for number, figure in (
         ("S2", f"`limits.voltage` ({Limits().voltage:g} V)"),
-        ("S7", f"slower than {stall.motion:g} rad/s under more than {stall.voltage:g} V"),
+        ("S7", f"slower than {stall.motion:g} rad/s at more than {stall.voltage:g} V"),
         ("S7", f"cut off after {stall.duration:g} s"),
-        ("S9", f"more than {_FASTER:g} times its fastest"),
+        ("S9", f"more than {_FASTER:g} times its highest speed"),
         ("S14", f"for {1000 * Watchdog().timeout:g} ms ({least:g} to {most:g} ms, never off)"),
         ("S17", f"within {1000 * row28.WITHIN:g} ms of device time"),
         ("S21", f"within {1000 * LOOK_EVERY:g} ms of the run"),
         ("S23", f"silent for {RECORDER_SILENT:g} s"),
-        ("S23", f"looks each {1000 * LOOK_INTERVAL:g} ms"),
+        ("S23", f"checks every {1000 * LOOK_INTERVAL:g} ms"),
         ("S23", f"at most {1000 * row17.LARGEST_LOSS:g} ms of samples"),
         ("S23", f"{SLOTS - 1:,} ticks"),
         ("S24", f"up to {1000 * INTERVAL:g} ms of samples"),

@@ -1,6 +1,6 @@
-"""servobench: from a servo motor, or a recording of one, to its transfer function, and how far to trust it.
+"""servobench: the transfer function of a servo motor, from the motor or a recording of it, and how far to trust it.
 
-The public names are loaded when they are first used, so that importing the package costs next to nothing.
+The public names are loaded when they are first used, so the import of the package is fast.
 """
 
 from __future__ import annotations

@@ -86,7 +86,17 @@ sys.path.remove(str(BENCH))
 del sys.modules["run"], sys.modules["figures"]
 
 
-@pytest.mark.parametrize("program", runner.programs())
+HEAVY = {
+    "accuracy.py", "board.py", "panel.py", "paper_live.py", "peers/make_data.py", "peers/run.py", "population.py", "unseen.py",
+    "warm.py",
+}  # fmt: skip
+"""Programs of more than two seconds at their smallest size; the parts of most have tests of their own."""
+
+
+@pytest.mark.parametrize(
+    "program",
+    [pytest.param(each, marks=[pytest.mark.long] if each in HEAVY else []) for each in runner.programs()],
+)
 def test_every_program_below_the_benches_runs_at_its_smallest_size(program: str) -> None:
     """What a change of the package breaks shows here, not months later: a bench that nobody runs is no bench."""
     done = forks.run([str(BENCH / "run.py"), "--smallest", program], cwd=Path.cwd(), timeout=1800)

@@ -1,17 +1,20 @@
 """What holds for every device, those of later files and of plug-ins included."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from servobench.compat.quanser import install
 from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.errors import DeviceError, UsageError
 from servobench.recordings.native.writer import save
 from servobench.rig.devices.base import DEVICES, Device, RunEnded
+from servobench.rig.devices.quanser import Quanser
 from servobench.rig.devices.twin import Twin
 from servobench.rig.experiment import Experiment
 from servobench.rig.loop.run import run
@@ -65,8 +68,9 @@ def making(name: str, folder: Path) -> Make:
 
 
 @pytest.fixture(params=NAMES)
-def make(request: pytest.FixtureRequest, tmp_path: Path) -> Make:
-    return making(request.param, tmp_path)
+def make(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Make]:
+    with standing_in(request.param):
+        yield making(request.param, tmp_path)
 
 
 @pytest.fixture(params=REPEATABLE)
@@ -75,8 +79,26 @@ def make_repeatable(request: pytest.FixtureRequest, tmp_path: Path) -> Make:
 
 
 @pytest.fixture(params=DRIVEN)
-def make_driven(request: pytest.FixtureRequest, tmp_path: Path) -> Make:
-    return making(request.param, tmp_path)
+def make_driven(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Make]:
+    with standing_in(request.param):
+        yield making(request.param, tmp_path)
+
+
+@contextmanager
+def standing_in(name: str) -> Iterator[None]:
+    """Install the stand-in where a device needs one; its motor is at rest at each start, as a run's contract expects."""
+    if name != "quanser":
+        yield
+        return
+    start = Quanser.start
+    with install(quiet=True) as bench, pytest.MonkeyPatch.context() as patch:
+
+        def start_at_rest(device: Quanser, sample_time: float, seed: int | None) -> None:
+            bench.rest()
+            start(device, sample_time, seed)
+
+        patch.setattr(Quanser, "start", start_at_rest)
+        yield
 
 
 def ticks(device: Device, voltages: list[float]) -> list[Sample]:

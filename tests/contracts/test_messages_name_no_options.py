@@ -18,6 +18,7 @@ OPTION = re.compile(r"(?<![\w(-])--(?:[a-z][a-z-]+|\{\})")
 COMMAND = re.compile(r"`servobench [^`]*`|^servobench .*")
 
 ALLOWED = {
+    "compat/quanser/__main__.py": "a command line of its own",
     "report/history.py": "the command that repeats what a report shows",
     "rig/loop/segment.py": "Docker's own option, for whoever runs servobench in a container",
 }

@@ -63,8 +63,17 @@ def zeroed(file: Path) -> None:
 
 
 @pytest.mark.promise("S57")
-@pytest.mark.parametrize("damaged", [cut, emptied, zeroed])
-@pytest.mark.parametrize("which", ["nbi", "nbc"])
+@pytest.mark.parametrize(
+    ("which", "damaged"),
+    [
+        ("nbi", cut),
+        ("nbi", zeroed),
+        ("nbc", emptied),
+        pytest.param("nbi", emptied, marks=pytest.mark.long),
+        pytest.param("nbc", cut, marks=pytest.mark.long),
+        pytest.param("nbc", zeroed, marks=pytest.mark.long),
+    ],
+)
 def test_a_damaged_cache_is_told_once_and_renewed(
     tmp_path: Path, use: Callable[..., tuple[str, str]], damaged: Callable[[Path], None], which: str
 ) -> None:

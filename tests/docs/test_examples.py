@@ -26,7 +26,15 @@ def test_a_page_can_be_followed_as_it_is_printed(page: Path, tmp_path: Path) -> 
     assert Reader(tmp_path).follow(page) >= 1
 
 
-@pytest.mark.parametrize("page", NOTEBOOKS, ids=named)
+LONG = DOCS / "notebooks" / "design.md"
+"""It identifies twenty runs."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.long] if page == LONG else []) for page in NOTEBOOKS],
+    ids=named,
+)
 def test_a_notebook_runs_from_top_to_bottom_and_prints_what_it_shows(page: Path, tmp_path: Path) -> None:
     assert Reader(tmp_path).open(page) >= 3
 

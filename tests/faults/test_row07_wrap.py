@@ -59,8 +59,17 @@ def recorded(
 
 @pytest.mark.promise("S10")
 @pytest.mark.parametrize("bits", BITS)
-@pytest.mark.parametrize("near", ["the upper end", "the lower end", "zero"])
-@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize(
+    ("near", "direction"),
+    [
+        ("the upper end", 1),
+        ("the lower end", -1),
+        ("zero", 1),
+        pytest.param("the upper end", -1, marks=pytest.mark.long),
+        pytest.param("the lower end", 1, marks=pytest.mark.long),
+        pytest.param("zero", -1, marks=pytest.mark.long),
+    ],
+)
 def test_a_recorded_counter_is_unwrapped_to_the_count_over_a_billion_counts(
     bits: int, near: str, direction: int
 ) -> None:

@@ -120,11 +120,12 @@ def excitations(ticks: int, seed: int) -> list[np.ndarray]:
 
 
 @pytest.mark.promise("S8")
-def test_an_hour_of_motors_within_20_percent_raises_no_alarm() -> None:
-    # 18 motors, with and without a current sensor, at the corners and at random within the tolerance, each under 9 signals.
+@pytest.mark.parametrize(("within", "least"), [(0, 0.4), pytest.param(10, 1.0, marks=pytest.mark.long)])
+def test_motors_within_20_percent_raise_no_alarm(within: int, least: float) -> None:
+    # With and without a current sensor, at the corners and at random within the tolerance, each under 9 signals; hours in all.
     random = np.random.default_rng(9)
     corners = [(*corner, 1.2) for corner in product([0.8, 1.2], repeat=3)]
-    motors = [*corners, *(tuple(random.uniform(0.8, 1.2, 4)) for _ in range(10))]
+    motors = [*corners, *(tuple(random.uniform(0.8, 1.2, 4)) for _ in range(within))]
     ticks, simulated = 4500, 0.0
     for number, motor in enumerate(motors):
         for voltages in excitations(ticks, number):
@@ -138,7 +139,7 @@ def test_an_hour_of_motors_within_20_percent_raises_no_alarm() -> None:
                 assert guarded.fault is None, guarded.fault
                 assert guarded.findings() == ()
                 simulated += ticks * 0.005
-    assert simulated >= 3600
+    assert simulated >= 3600 * least
 
 
 @pytest.mark.promise("S8")

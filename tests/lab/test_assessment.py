@@ -24,10 +24,10 @@ from servobench.lab.assessment.handout import Handout, hand_out
 from servobench.lab.assessment.marking import Mark, StudentMarks, Verdict, mark, marks_table
 from servobench.lab.assessment.questions import (
     Question,
-    all_passed_by_others,
     pass_rates,
     questions,
     same_for_all,
+    whole_form_pass_rate,
 )
 from servobench.lab.assessment.roster import Student, read_roster
 from servobench.lab.assessment.tables import harmless, read_table, strip_apostrophe
@@ -348,7 +348,7 @@ def test_what_takes_further_runs_is_asked_of_who_has_the_motor(secret: Path) -> 
     asked = {q.blank.id: q for q in questions(alone.exercise, alone.stand("ada"))}
     more = {q.blank.id: q for q in questions(both.exercise, both.stand("ada"))}
 
-    assert not asked["breakaway"].is_asked
+    assert not asked["breakaway"].is_answerable
     assert "further runs" in asked["breakaway"].why_not
     assert asked["speed"].right == more["speed"].right
     # On a slow ramp the shaft begins to move at the Coulomb voltage, some counts later.
@@ -449,7 +449,9 @@ def test_the_guide_is_right_on_what_is_a_students_own(secret: Path, name: str) -
         made = assessment(secret, name, with_motor=with_motor)
         asked = [questions(made.exercise, made.stand(student.id)) for student in CLASS[:2]]
         same = same_for_all(asked)
-        assert {q.blank.id for each in asked for q in each if q.is_asked and not same[q.blank.id]} == expected
+        assert {
+            q.blank.id for each in asked for q in each if q.is_answerable and not same[q.blank.id]
+        } == expected
 
 
 def test_the_frequency_response_is_asked_of_who_has_the_motor(secret: Path) -> None:
@@ -459,7 +461,7 @@ def test_the_frequency_response_is_asked_of_who_has_the_motor(secret: Path) -> N
 
     asked = {q.blank.id: q for q in questions(made.exercise, made.stand("ada"))}
 
-    assert all(q.is_asked for q in asked.values())
+    assert all(q.is_answerable for q in asked.values())
     assert 0.75 * tau < asked["by_phase"].right < tau
     assert asked["by_magnitude"].right == pytest.approx(
         tau, rel=0.1
@@ -590,7 +592,7 @@ def test_what_is_odd_gets_a_mark_and_a_reason(secret: Path, tmp_path: Path) -> N
     said = {m.blank: (m.verdict, m.sentence) for m in ada.marks}
 
     assert said["gain"][0] == "wrong"
-    assert "revolutions a minute" in said["gain"][1]
+    assert "revolutions per minute" in said["gain"][1]
     assert said["level"] == ("missing", "The form has no such line.")
     assert said["read"] == ("wrong", "An answer has 100 characters at most.")
     assert said["lag"][0] == "wrong"
@@ -761,9 +763,9 @@ def asked(*right: float | None, allowed: float = 0.5) -> tuple[Question, ...]:
 def test_a_blank_that_somebody_is_not_asked_keeps_no_form_apart() -> None:
     """The first two differ in what neither can be held to; the third is off in the last blank."""
     three = [asked(1.0, None, 5.0), asked(1.2, 7.0, 5.0), asked(1.2, 7.0, 9.0)]
-    assert all_passed_by_others(three[:2]) == 1.0
-    assert all_passed_by_others(three) == pytest.approx(2 / 6)  # of six ordered pairs
-    assert math.isnan(all_passed_by_others(three[:1]))
+    assert whole_form_pass_rate(three[:2]) == 1.0
+    assert whole_form_pass_rate(three) == pytest.approx(2 / 6)  # of six ordered pairs
+    assert math.isnan(whole_form_pass_rate(three[:1]))
 
 
 def test_points_are_out_of_what_was_asked() -> None:

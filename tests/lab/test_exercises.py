@@ -75,7 +75,7 @@ def test_the_papers_trap_is_caught_and_named() -> None:
 
     assert said["read"].right
     assert not said["time_constant"].right
-    assert "lag of the filter is still in it" in said["time_constant"].sentence
+    assert "still includes the lag of the filter" in said["time_constant"].sentence
     assert not said["pole"].right
     assert "sign" in said["pole"].sentence
 

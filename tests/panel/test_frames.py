@@ -85,7 +85,7 @@ def test_another_chain_shows_what_it_would_had_it_been_there(recording: Recordin
     rows = rows_of(recording)
     scope = Scope(recording, CHAIN)
     in_blocks(scope, rows[:1500], 50)
-    scope.look_through("derivative | lowpass 20 rad/s")
+    scope.change_chain("derivative | lowpass 20 rad/s")
     values = in_blocks(scope, rows[1500:], 50)
 
     always = sb.measure(recording, "derivative | lowpass 20 rad/s").y[1500:]

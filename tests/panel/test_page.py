@@ -20,25 +20,38 @@ from servobench.systems.control.base import CONTROLLERS
 from servobench.systems.signals.base import SIGNALS
 from tests.panel.fake import LARGEST, app
 
+WIDE = {"width": 1440, "height": 900}
+
 
 class Panel:
     """One page on one bench; what it asked for and what it complained about is kept."""
 
-    def __init__(self, browser: Any, address: str, bench: Any, **options: Any) -> None:
+    def __init__(self, browser: Any, address: str, bench: Any, *, tab: Any = None, **options: Any) -> None:
+        """Open the page in a context of its own, or in a tab in which others were before: each bench has a port of its own."""
         self.bench = bench
-        self.context = browser.new_context(**{"viewport": {"width": 1440, "height": 900}, **options})
-        self.page = self.context.new_page()
+        self.page = tab or browser.new_context(**{"viewport": WIDE, **options}).new_page()
+        self.context = self.page.context
         self.page.set_default_timeout(10_000)
         self.complaints: list[str] = []
         self.requests: list[str] = []
-        self.page.on(
-            "console", lambda message: message.type == "error" and self.complaints.append(message.text)
-        )
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on("request", lambda request: self.requests.append(request.url))
+        self._heard: dict[str, Callable[[Any], Any]] = {
+            "console": lambda message: message.type == "error" and self.complaints.append(message.text),
+            "pageerror": lambda error: self.complaints.append(str(error)),
+            "request": lambda request: self.requests.append(request.url),
+        }
+        for event, hear in self._heard.items():
+            self.page.on(event, hear)
         self.page.goto(address)
         self.page.wait_for_selector("body.ready")
         self.page.get_by_text("You ").first.wait_for()
+
+    def leave(self) -> None:
+        """Leave the tab to the next one as it was found."""
+        for event, hear in self._heard.items():
+            self.page.remove_listener(event, hear)
+        self.page.unroute_all()
+        self.page.goto("about:blank")
+        self.context.clear_cookies()
 
     def button(self, name: str | re.Pattern[str]) -> Any:
         return self.page.get_by_role("button", name=name, exact=isinstance(name, str))
@@ -70,10 +83,10 @@ def server() -> Iterator[tuple[str, Any]]:
 
 
 @pytest.fixture
-def panel(browser: Any, server: tuple[str, Any]) -> Iterator[Panel]:
-    panel = Panel(browser, *server)
+def panel(browser: Any, tab: Any, server: tuple[str, Any]) -> Iterator[Panel]:
+    panel = Panel(browser, *server, tab=tab)
     yield panel
-    panel.context.close()
+    panel.leave()
 
 
 def test_it_begins_without_a_complaint_and_asks_nobody_else(panel: Panel, server: tuple[str, Any]) -> None:
@@ -126,16 +139,18 @@ def test_what_another_page_applied_is_shown_but_not_over_what_is_being_typed(pan
     assert (low.input_value(), high.input_value()) == ("1", "9")
 
 
-@pytest.mark.parametrize("where", ["#signal-low", "#cutoff", "#device", "#record-name", "body"])
-def test_escape_stops_wherever_one_is(panel: Panel, where: str) -> None:
-    panel.button("Start").click()
-    panel.until(lambda: panel.bench.motor.enabled)
-    if where == "#device":
-        panel.page.locator(where).click()  # its dialog takes Escape for itself, too
-    elif where != "body":
-        panel.page.locator(where).focus()
-    panel.page.keyboard.press("Escape")
-    panel.until(lambda: not panel.bench.motor.enabled)
+def test_escape_stops_wherever_one_is(panel: Panel) -> None:
+    for where in ("#signal-low", "#cutoff", "#record-name", "body", "#device"):
+        panel.button("Start").click()
+        panel.until(lambda: panel.bench.motor.enabled)
+        if where == "#device":
+            panel.page.locator(where).click()  # its dialog takes Escape for itself, too
+        elif where == "body":
+            panel.page.evaluate("document.activeElement.blur()")
+        else:
+            panel.page.locator(where).focus()
+        panel.page.keyboard.press("Escape")
+        panel.until(lambda: not panel.bench.motor.enabled)
 
 
 def test_who_watches_can_stop_and_nothing_else(panel: Panel, browser: Any, server: tuple[str, Any]) -> None:

@@ -140,8 +140,19 @@ def findings(page: Any) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-@pytest.mark.parametrize("size", [(1440, 900), (390, 844)], ids=["wide", "phone"])
+WIDE, PHONE = (1440, 900), (390, 844)
+
+
+@pytest.mark.parametrize(
+    ("theme", "size"),
+    [
+        ("light", WIDE),
+        ("dark", PHONE),
+        pytest.param("dark", WIDE, marks=pytest.mark.long),
+        pytest.param("light", PHONE, marks=pytest.mark.long),
+    ],
+    ids=["light, wide", "dark, phone", "dark, wide", "light, phone"],
+)
 def test_axe_finds_nothing_grave(browser: Any, theme: str, size: tuple[int, int]) -> None:
     pytest.importorskip("axe_playwright_python", reason="a browser is absent: no axe_playwright_python")
     made = app()

@@ -21,12 +21,12 @@ from tests.panel.test_page import Panel
 
 
 @pytest.fixture
-def panel(browser: Any) -> Iterator[Panel]:
+def panel(browser: Any, tab: Any) -> Iterator[Panel]:
     made = app()
     with served(made) as address:
-        panel = Panel(browser, address, made.state.bench)
+        panel = Panel(browser, address, made.state.bench, tab=tab)
         yield panel
-        panel.context.close()
+        panel.leave()
 
 
 def tables_in(value: Any) -> bool:

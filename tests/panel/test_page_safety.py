@@ -24,10 +24,10 @@ def server() -> Iterator[tuple[str, Any]]:
 
 
 @pytest.fixture
-def panel(browser: Any, server: tuple[str, Any]) -> Iterator[Panel]:
-    panel = Panel(browser, *server)
+def panel(browser: Any, tab: Any, server: tuple[str, Any]) -> Iterator[Panel]:
+    panel = Panel(browser, *server, tab=tab)
     yield panel
-    panel.context.close()
+    panel.leave()
 
 
 @pytest.fixture

@@ -13,6 +13,10 @@ from tests.stories.program import Program
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 
 
+SOON = ("frozen", "2 s behind")
+"""A page that says nothing more, as one whose thread or process hangs does; and one that says what is late."""
+
+
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Program, Journal]]:
     with panel(tmp_path_factory.mktemp("journal"), 0.01) as found:
@@ -20,7 +24,14 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Program, J
 
 
 @pytest.mark.promise("S48")
-@pytest.mark.parametrize("way", [way for way in WAYS if "slowed" not in way])
+@pytest.mark.parametrize(
+    "way",
+    [
+        pytest.param(way, marks=[] if way in SOON else [pytest.mark.long])
+        for way in WAYS
+        if "slowed" not in way
+    ],
+)
 def test_a_page_that_shows_the_motor_no_more_is_zero_volts_within_a_second(
     browser: Any, bench: tuple[Program, Journal], way: str
 ) -> None:

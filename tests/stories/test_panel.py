@@ -255,7 +255,12 @@ def reported(browser: Any, program: Program) -> Program:
     return program
 
 
-@pytest.mark.parametrize("theme", THEMES)
+@pytest.mark.parametrize(
+    "theme",
+    [
+        pytest.param(each, marks=[pytest.mark.long] if each == "dark" else []) for each in THEMES
+    ],  # chosen or not, it is the same
+)
 def test_axe_finds_nothing_grave_on_any_page_and_tab(browser: Any, reported: Program, theme: str) -> None:
     pytest.importorskip("axe_playwright_python", reason="a browser is absent: no axe_playwright_python")
     # axe itself is given to the page, which the page's own policy would forbid.

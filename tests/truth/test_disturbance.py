@@ -36,7 +36,7 @@ def test_95_percent_intervals_cover_under_a_random_torque(noise: float, runs: in
     fewest, most = coverage.fewest_and_most(runs)
     for name, count in covered.items():
         assert fewest <= count <= most, (name, count)
-        if runs == coverage.FEW:
+        if runs <= coverage.SOME:
             coverage.check_spread(name, offs[name])
 
 

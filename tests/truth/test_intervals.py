@@ -57,7 +57,7 @@ def test_95_percent_intervals_cover(kind: Literal["square", "prbs"], runs: int) 
     fewest, most = coverage.fewest_and_most(runs)
     for name, count in covered.items():
         assert fewest <= count <= most, (name, count)
-        if runs == coverage.FEW:
+        if runs <= coverage.SOME:
             coverage.check_spread(name, offs[name])
 
 

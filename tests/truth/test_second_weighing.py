@@ -39,10 +39,13 @@ def covers(fit: Fit, name: str, truth: Truth) -> bool:
     return low <= answers(truth)[name] <= high
 
 
-def test_the_intervals_cover_behind_a_play_where_output_error_alone_covers_none() -> None:
-    """More than 3 misses in 12 runs with a coverage of 95 %: 1 case in 400 (binomial)."""
+@pytest.mark.parametrize(("runs", "misses"), [(6, 2), pytest.param(12, 3, marks=pytest.mark.long)])
+def test_the_intervals_cover_behind_a_play_where_output_error_alone_covers_none(
+    runs: int, misses: int
+) -> None:
+    """More than 3 misses in 12 runs with a coverage of 95 %, more than 2 in 6: 1 case in 400 (binomial)."""
     alone, twice = 0, {"gain": 0, "time_constant": 0}
-    for seed in range(12):
+    for seed in range(runs):
         truth = drawn(seed)
         data = behind_a_play(seed, truth)
         alone += covers(
@@ -54,8 +57,8 @@ def test_the_intervals_cover_behind_a_play_where_output_error_alone_covers_none(
         assert "weighed-twice" in {finding.code for finding in result.findings}
         for name in twice:
             twice[name] += covers(result.fit, name, truth)
-    assert alone <= 3
-    assert min(twice.values()) >= 9, twice
+    assert alone <= runs / 4
+    assert min(twice.values()) >= runs - misses, twice
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])

@@ -70,7 +70,7 @@ def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
     """What is wrong first, then the refusals; of what else there is to say only how much it is, unless all is asked for."""
     from servobench.identification.trust.explanations.base import is_cause
 
-    if result.fit is not None and _is_only_untold(result):
+    if result.fit is not None and _determines_nothing(result):
         _show_answers(console, result)
     _show_verdict(console, result.verdict)
     console.print()
@@ -90,8 +90,8 @@ def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
         console.print(f"    and {len(rest)} less important ones (--all-findings)", style="dim")
 
 
-def _is_only_untold(result: Result) -> bool:
-    """Whether a result is refused for nothing but that the data tell no parameter."""
+def _determines_nothing(result: Result) -> bool:
+    """Whether a result is refused only because the data determine no parameter."""
     return {each.code for each in result.findings if each.severity is Severity.REFUSAL} == {"nothing-known"}
 
 

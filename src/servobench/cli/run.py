@@ -103,7 +103,7 @@ def run(
         if recording.stopped.reason in ("device_lost", "error"):
             complain(recording.stopped.sentence)
         if result is not None:
-            recording, result = _beside_the_wish(recording, asked, result)
+            recording, result = _note_missed_target(recording, asked, result)
             folder.write_result(result.to_dict())
             deliver(
                 result,
@@ -300,8 +300,8 @@ def _identify_run(
         return None
 
 
-def _beside_the_wish(recording: Recording, asked: Experiment, result: Result) -> tuple[Recording, Result]:
-    """The recording and its result; where the wished interval wasn't reached both say so."""
+def _note_missed_target(recording: Recording, asked: Experiment, result: Result) -> tuple[Recording, Result]:
+    """The recording and its result; if the target interval wasn't reached, both say so."""
     from servobench.core.finding import info
     from servobench.identification.design.stopping_rule import StoppingRule, parse_wish
 

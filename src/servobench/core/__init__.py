@@ -1,9 +1,8 @@
-"""What every room uses and nobody has to think about: units, errors, settings.
+"""The basics that every room uses: units, errors, settings.
 
-`channels` has the nouns that pass between a device and all else, `units` and `rounding` are how numbers are read and said,
-`estimate` is one with its uncertainty, `numbers` checks single ones. `errors` are the mistakes, `finding` is what there is to
-know that is none, `finding_codes` what each code of one means, `parameter_names` how each parameter is called and written.
-`settings` and `registry` make a folder of members a kind, `compiled` compiles kernels, `json_numbers` and `toml` are for files,
-`arguments` checks what a function was given, `palette` and `plotting` give pictures their colours and axes. It uses no other
-room.
+`channels` has the data types between a device and the rest, `units` and `rounding` read and print numbers, `estimate` is a
+number with its uncertainty, `numbers` checks single numbers. `errors` has the exceptions, `finding` the messages that aren't
+errors, `finding_codes` the meaning of each code, `parameter_names` the names and symbols of the parameters. `settings` and
+`registry` turn a folder of members into a kind, `compiled` compiles kernels, `json_numbers` and `toml` are for files,
+`arguments` checks a function's arguments, `palette` and `plotting` have colours and axes. It uses no other room.
 """

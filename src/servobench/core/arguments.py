@@ -1,4 +1,4 @@
-"""What a function was given, checked where a user calls it: a wrong kind of thing is a sentence and no traceback."""
+"""Checks of the arguments of public functions: a wrong type gives a sentence instead of a traceback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A number with its uncertainty, as every room hands it on."""
+"""A number with its uncertainty, as all rooms use it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers in JSON, which has none for infinity and for what is no number."""
+"""Numbers in JSON, which has no infinity and no NaN."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axes for plots at the prompt: taken as they are given, or made, and laid out like the figures of a report."""
+"""Axes for plots at the prompt: the user's or new ones, laid out like the figures of a report."""
 
 from __future__ import annotations
 

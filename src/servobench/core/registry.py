@@ -1,4 +1,4 @@
-"""A kind and its members: every file in the kind's folder joins by being there, every plug-in by its entry point."""
+"""A kind and its members: the files in the kind's folder, and plug-ins by their entry points."""
 
 from __future__ import annotations
 

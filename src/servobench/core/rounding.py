@@ -1,4 +1,4 @@
-"""Numbers as people read them: rounded to what is known of them, with a unit of a handy size."""
+"""Numbers for people: rounded to the known digits, with a unit of a suitable size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings: values that come from a file or from Python, checked at the door, units included.
+"""Settings: values from a file or from Python, checked on input, including units.
 
 A field of a quantity type takes a number in SI units or a text with a unit: `frequency = 0.4` and `"0.4 Hz"` are the same.
 A field that holds a member of a kind takes the member, or a table with its name and its settings.
@@ -225,8 +225,8 @@ class Settings(_Model):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _tell_what_is_known(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        """Name the nearest and all known keys where one is not known: a misspelling is the likeliest mistake of all."""
+    def _name_known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """For an unknown key, name the nearest and all known keys: a misspelling is the most likely mistake."""
         try:
             return handler(data)
         except ValidationError as error:

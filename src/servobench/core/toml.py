@@ -1,4 +1,4 @@
-"""TOML: read within limits, as somebody else may have written it and Python's reader has none; and written."""
+"""TOML: read with limits, which Python's own reader doesn't have, as files may come from strangers; and written."""
 
 from __future__ import annotations
 

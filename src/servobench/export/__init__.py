@@ -1,5 +1,5 @@
-"""The kind `export`: forms in which other programs take an identified motor, each in the file of its name.
+"""The kind `export`: formats of an identified motor for other programs, one file for each.
 
-`summary` is a result, just found or read from a file; `first_order` makes of it the motor that controllers are tuned for; `base`
-is what a form has to fulfil. It uses `identification`, `systems` and `core`.
+`summary` is a result, new or read from a file; `first_order` reduces it to the motor that controllers are tuned for; `base`
+defines what a target has to implement. It uses `identification`, `systems` and `core`.
 """

@@ -1,4 +1,4 @@
-"""A tuned controller in C99 for a microcontroller: the law that `tune` found gains of, tick by tick, with vectors that test it.
+"""A tuned controller in C99 for a microcontroller: the law with the gains from `tune`, tick by tick, with test vectors.
 
 The vectors come from the law itself, as `systems.control` runs it; its file states it. The C text has its operations in the same
 order, for a sample time that doesn't change.

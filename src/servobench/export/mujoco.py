@@ -1,6 +1,6 @@
 """MuJoCo: a joint with the motor's armature inertia, damping and friction, and an actuator that takes the voltage.
 
-J dω/dt = D K u - D ω - D K u_c sgn ω, with D = J/τ: the record tells the ratios only, so that an inertia has to be said;
+J dω/dt = D K u - D ω - D K u_c sgn ω, with D = J/τ: the record only determines the ratios, so the user has to state an inertia;
 the motion is the same for any. It follows from τ dω/dt = -ω + K (u - u_c sgn ω), times D.
 """
 

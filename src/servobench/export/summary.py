@@ -1,4 +1,4 @@
-"""What a result says of the motor, without its data: what a file `result.json` holds, and all that an export needs."""
+"""The motor in a result, without its data: the contents of a file `result.json`, and everything that an export needs."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ class ResultSummary:
     def read(cls, path: str | os.PathLike[str]) -> ResultSummary:
         """Return what a file says that `--json` or a run made, or the one in a run folder.
 
-        Raises `UsageError` where there is no such file, `FormatError` where it holds no result, `NotIdentifiable` where the
-        result is refused.
+        Raises `UsageError` if there is no such file, `FormatError` if it contains no result, `NotIdentifiable` if the result is
+        refused.
         """
         file = Path(path)
         file = file / "result.json" if file.is_dir() else file
@@ -192,9 +192,10 @@ class ResultSummary:
 
 
 def load_result(path: str | os.PathLike[str]) -> ResultSummary:
-    """Return what a `result.json` says, or that in the folder of a run: parameters, covariance and transfer function.
+    """Return the contents of a `result.json`, or of the one in a run folder: parameters, covariance and
+    transfer function.
 
-    Raises `UsageError` where there is no such file, `FormatError` where it holds no result, `NotIdentifiable` where the result is
+    Raises `UsageError` if there is no such file, `FormatError` if it contains no result, `NotIdentifiable` if the result is
     refused.
 
     >>> import json

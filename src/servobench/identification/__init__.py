@@ -1,10 +1,11 @@
-"""What the motor is, and how far to trust that: from a data set to a result with intervals, doubts and reasons.
+"""Identification: from a data set to a result with intervals, doubts and reasons.
 
-From the bottom up: `models` say what a motor does with parameters, `estimators` fit them, `uncertainty` makes intervals that
-cover, `result` is the noun, which `plots` and `notebook` show at the prompt. `trust` tries what could be wrong, `choice` picks
-structure and noise model, `motor_parameters` and `reconciliation` compare with data sheets and claims, `simulation` predicts,
-`comparison` holds models side by side. `identify` is the verb that calls them in order; `design`, `honest` and `why` stand on
-it. It uses `rig`, `recordings`, `systems` and `core`; of the motor's physics, `models` know the data sheets only.
+From the bottom up: `models` predict a motor's response from parameters, `estimators` fit them, `uncertainty` computes intervals
+that cover; `result` is the noun, which `plots` and `notebook` show at the prompt. `trust` tests for what could be wrong,
+`choice` selects structure and noise model, `motor_parameters` and `reconciliation` compare with data sheets and claims,
+`simulation` simulates and predicts, `comparison` compares models. `identify` is the verb that calls them in order; `design`,
+`honest` and `why` build on it. It uses `rig`, `recordings`, `systems` and `core`; from the physics of the motor, `models` only
+use the data sheets.
 
 Public: `identify`, `Result`, `compare`, `design`, `honest`, `validate`, `simulate`, `predict`, `residuals`, `reconcile`, `why`.
 """

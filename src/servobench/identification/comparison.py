@@ -79,8 +79,9 @@ def compare(
 ) -> Compared:
     """Return how well results simulate data, from the input alone, with the start of each record fitted.
 
-    `models` is a result, or results by name. `data` are read as by `identify`; without any each result's own are taken, of the
-    first result for all. Raises `UsageError` for what is no result or has no model, and for data in other units.
+    `models` is a result, or a mapping of names to results. `data` are read as by `identify`; by default all
+    results are compared on the data of the first one. Raises `UsageError` for an object that isn't a result,
+    a result without a model, and data in other units.
 
     >>> import numpy as np
     >>> from servobench import identify

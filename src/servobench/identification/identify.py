@@ -22,7 +22,7 @@ from servobench.identification.choice.noise_choice import (
     as_it_is,
     with_counts_as_bins,
 )
-from servobench.identification.choice.records_apart import with_what_records_tell
+from servobench.identification.choice.records_apart import widen_for_disagreement
 from servobench.identification.choice.restored_counts import with_counts_restored
 from servobench.identification.choice.structure_choice import Choice, choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
@@ -39,23 +39,23 @@ from servobench.identification.reconciliation.reconcile import reconcile
 from servobench.identification.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.identification.trust.doubts.base import about_data, about_fit
 from servobench.identification.trust.doubts.chain_unknown import with_unknown_chain
-from servobench.identification.trust.doubts.host_delay import with_what_the_computer_hides
-from servobench.identification.trust.doubts.lag_not_split import with_what_the_lag_tells
+from servobench.identification.trust.doubts.host_delay import widen_for_host_delay
+from servobench.identification.trust.doubts.lag_not_split import widen_for_lag_split
 from servobench.identification.trust.doubts.single_level import (
-    with_gain_and_friction_apart,
-    with_what_one_level_tells,
+    widen_for_gain_friction_split,
+    widen_for_single_level,
 )
 from servobench.identification.trust.explanations.base import Causes, is_unexplained
 from servobench.identification.trust.held_out import about_validation, cross_validate, validate_with
 from servobench.identification.trust.missing_terms import (
     missing_terms,
     superfluous_terms,
-    with_fast_pole,
     with_missing_terms,
 )
 from servobench.identification.trust.other_output import with_other_output
 from servobench.identification.trust.validation import validate
 from servobench.identification.trust.winding import about_winding
+from servobench.identification.uncertainty.friction_near_rest import with_friction_near_rest
 from servobench.identification.uncertainty.identifiability import (
     Combination,
     ParameterStatus,
@@ -63,6 +63,7 @@ from servobench.identification.uncertainty.identifiability import (
     parameter_statuses,
 )
 from servobench.identification.uncertainty.model_error import with_model_error
+from servobench.identification.uncertainty.one_lag import with_one_lag
 from servobench.identification.uncertainty.rounded_times import with_rounded_times
 from servobench.identification.uncertainty.status_findings import about_answers
 from servobench.identification.uncertainty.unresolved_time_constant import with_unresolved_time_constant
@@ -88,20 +89,21 @@ def identify(
     """Return the model that fits the data best, how well it is known, and the reasons to trust it or not.
 
     `data` is a `Dataset`, a `Recording`, the path of a file, a DataFrame (pandas, polars, Arrow, xarray), a time response of
-    python-control, or a list of such; arrays are given as `t`, `u` and `y` with their units. `options` say how to read what is no
-    `Dataset` yet, as on the command line: see `ReadingOptions`. `starts_at_rest` says that the shaft rests when each record
-    begins. What was recognised and not said is a finding.
+    python-control, or a list of these; arrays are given as `t`, `u` and `y` with their units. `options` say
+    how to read data that aren't a `Dataset` yet, as on the command line: see `ReadingOptions`.
+    `starts_at_rest` says that the shaft is at rest when each record begins. Everything that was recognised
+    rather than stated is a finding.
 
-    Several records are fitted jointly: they share the parameters, and each has its own start state. `structure` and
-    `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and which friction and
-    gravity the data ask for (see `choice.structure_choice`), and the estimator by a likelihood-ratio test for a random
-    torque. `nominal` is the name of a data sheet, or parameters, to hold the result against. `validate_on` are further data, read
-    in the same way, to try the model on; without any, records, input levels or stretches are left out in turn (`held_out`). Where
-    a current was measured, or `known` states a value, the motor's own parameters come along, as far as they are determined: see
-    `motor_parameters`.
-    Data that can't support a model give a refused result, not an error. Raises `UsageError` for what can't be read, names that
-    aren't known, a structure and an estimator that can't go together, or data that don't; `MissingInformation` where more has
-    to be said of the data.
+    Several records are fitted jointly: they share the parameters, and each has its own start state.
+    `structure` and `estimator` are names, or "auto". Then the structure depends on whether the motor turned
+    both ways, and on the friction and gravity that the data need (see `choice.structure_choice`); the
+    estimator depends on a likelihood-ratio test for a random torque. `nominal` is the name of a data sheet,
+    or parameters, to compare the result with. `validate_on` are further data, read in the same way, to test
+    the model on; without any, records, input levels or stretches are left out in turn (`held_out`). If a
+    current was measured, or `known` gives a value, the result includes the motor's own parameters, as far as
+    they are determined: see `motor_parameters`. Data that can't support a model give a refused result, not an
+    error. Raises `UsageError` for unreadable data, unknown names, a structure and an estimator that don't fit
+    together, or data that don't; `MissingInformation` if the data need more information.
 
     >>> import numpy as np
     >>> t = np.arange(0, 2, 0.002)
@@ -262,7 +264,7 @@ def _judge(
     choice = choose_structure(method, records, structure, estimator, allow)
     fit = choice.fit if choice.computed else _with_allowances(choice, method, records, estimator, allow)
     told = parameter_statuses(fit), combinations(fit)
-    fit = with_what_one_level_tells(fit)
+    fit = widen_for_single_level(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,
@@ -303,14 +305,14 @@ def _with_allowances(
     fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
     one_level = single_level(records) is not None
     fit = with_weak_priors(fit) if one_level else fit
-    fit = with_what_records_tell(with_fast_pole(fit), method, allow)
+    fit = widen_for_disagreement(with_friction_near_rest(with_one_lag(fit)), method, allow)
     if estimator == "auto":
         fit = with_unseen_torque(fit)
     fit = with_missing_terms(fit, choice.shown)
     fit = with_rounded_times(fit)
     fit = with_unresolved_time_constant(with_model_error(fit, one_level))
-    fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))
-    return with_gain_and_friction_apart(fit)
+    fit = widen_for_lag_split(with_unknown_chain(widen_for_host_delay(fit)))
+    return widen_for_gain_friction_split(fit)
 
 
 def _in_model(cause: Finding, fit: Fit | None) -> bool:

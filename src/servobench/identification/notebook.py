@@ -1,4 +1,4 @@
-"""How a notebook shows an answer: a table, sentences and a small picture, as HTML that stands alone."""
+"""A result in a notebook: a table, sentences and a small picture, as self-contained HTML."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A result: the answer of an identification, and the reasons to trust it or not."""
+"""The result of an identification, and the reasons to trust it or not."""
 
 from __future__ import annotations
 
@@ -113,10 +113,11 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Result:
-    """The answer: a fit or None where the data can't support a model, findings, validation and provenance.
+    """The result of an identification: a fit, or None if the data can't support a model, with findings,
+    validation and provenance.
 
-    `motor_parameters` are the motor's own (resistance, torque constant, inertia ...), as far as a measured current or a stated
-    value determines them; empty where nothing does.
+    `motor_parameters` are the motor's own (resistance, torque constant, inertia ...), as far as a measured
+    current or a known value determines them; empty if none does.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

@@ -1,4 +1,4 @@
-"""What a model says of an output: from the input alone (`simulate`), or from the input and the output's own past (`predict`)."""
+"""A model's output: from the input alone (`simulate`), or from the input and the past output (`predict`)."""
 
 from __future__ import annotations
 
@@ -45,16 +45,18 @@ def simulate(
     chain: Chain | str = "",
     start: Mapping[str, float] = AT_REST,
 ) -> Array:
-    """Return what a model's output would be for an input, friction and offset included, and no noise: (M,).
+    """Return a model's output for an input, with friction and offset and without noise: (M,).
 
-    `drive` is the input. As values (N,) it holds from t[k] to t[k+1], as a signal it is taken at t [s], which has to be given.
-    Before it the input is zero. `output` is what of the shaft goes through the measurement `chain` (such as `lowpass 50 rad/s`)
-    and comes out at the same times. A dataset brings its own times, chain, output and the input before it; what was measured is
-    not looked at. Only the linear stages of a chain are simulated.
+    `drive` is the input: values (N,) that hold from t[k] to t[k+1], or a signal, evaluated at t [s]; both
+    need `t`. Before it the input is zero. `output` (`position` or `speed`) goes through the measurement
+    `chain` (such as `lowpass 50 rad/s`) and is returned at the same times. A dataset provides its own times,
+    chain, output and the input before it; its measured values aren't used. Only the linear stages of a chain
+    are simulated.
 
-    It starts at rest at position zero. `start` gives other values to what a record has of its own, by their names in the model
-    structure (`start_position`, `start_speed`, …). To have them fitted to measured data, use `predict`.
-    Raises `UsageError` for arguments that don't go together, `NotIdentifiable` for a result without a model.
+    The simulation starts at rest at position zero. `start` sets other values for the nuisance parameters of a
+    record, by their names in the model structure (`start_position`, `start_speed`, …). To fit them to
+    measured data, use `predict`. Raises `UsageError` for arguments that don't fit together, `NotIdentifiable`
+    for a result without a model.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:
@@ -81,11 +83,12 @@ def simulate(
 def predict(fit: Fit | HasFit, data: Dataset) -> Array:
     """Return the one-step-ahead prediction of a record's output (M,): each sample from the input and the samples before it.
 
-    The noise model is the fit's own. With a disturbance (`prediction_error`) it is the Kalman filter for random torque and
-    measurement noise; without one the past of the output says nothing about the next sample, and the prediction is the
-    simulation. The start state is that of the fit for a record that it was made from, and is fitted for another one, the
-    parameters held. NaN where the chain still looks back before the record.
-    Raises `NotIdentifiable` for a result without a model, `UsageError` for data behind a chain where the fit has a disturbance.
+    The noise model is the fit's own. With a disturbance (`prediction_error`) the predictor is the Kalman
+    filter for random torque and measurement noise. Without one the past of the output says nothing about the
+    next sample, and the prediction is the simulation. A record of the fit keeps its start state; for other
+    data the start state is fitted with the parameters fixed. NaN while the chain looks back before the
+    record. Raises `NotIdentifiable` for a result without a model, `UsageError` for data behind a chain if the
+    fit has a disturbance.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:
@@ -105,10 +108,10 @@ def predict(fit: Fit | HasFit, data: Dataset) -> Array:
 
 
 def residuals(fit: Fit | HasFit) -> tuple[Array, ...]:
-    """Return what is left of each record that a fit was made from: measured minus predicted output, (M,) each.
+    """Return the residuals of each record of a fit: measured minus predicted output, (M,) each.
 
     These are the errors of `predict`; those of the simulation are `residual` of each of the fit's `records`.
-    NaN where the chain still looks back before the record. Raises `NotIdentifiable` for a result without a model.
+    NaN while the chain looks back before the record. Raises `NotIdentifiable` for a result without a model.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

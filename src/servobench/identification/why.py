@@ -1,4 +1,4 @@
-"""The verb why: from data and somebody's figure to what makes the difference."""
+"""The verb why: from data and a claimed figure to the cause of the difference."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def why(
     starts_at_rest: bool = False,
     **options: Unpack[ReadingOptions],
 ) -> Explanation:
-    """Return why claimed figures, or those of a data sheet, differ from what data say of a motor.
+    """Return why claimed figures, or those of a data sheet, differ from those that the data give.
 
-    `data` is a `Result`, or what `identify` makes one of, read in the same way. `claims` are texts such as "tau=0.13" or
-    "gain=23.8", or a mapping of such values; without any, the data sheet `nominal` is what is explained. `method` is how the
-    claim was found, where that is known: see `explain`, which also says what comes out.
-    Raises `UsageError` where there is nothing to explain, and what `identify` and `explain` raise.
+    `data` is a `Result`, or data for `identify`, read in the same way. `claims` are texts such as "tau=0.13"
+    or "gain=23.8", or a mapping of such values; without any, the data sheet `nominal` is explained. `method`
+    is how the claim was found, if known: see `explain`, also for the value returned. Raises `UsageError` if
+    there is nothing to explain, and what `identify` and `explain` raise.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

@@ -14,7 +14,7 @@ SCHEMA = "servobench.lab/1"
 
 
 def to_dict(lab: Sequence[WorkedExercise], *, solution: bool) -> dict[str, Any]:
-    """Return exercises that were worked through as plain data; with `solution` the right answers are told."""
+    """Return worked exercises as plain data; with `solution` including the right answers."""
     plain: dict[str, Any] = finite(
         {"schema": SCHEMA, "exercises": [_exercise(worked, solution=solution) for worked in lab]}
     )

@@ -35,7 +35,7 @@ _NEVER_ZERO = ("gain", "time_constant")
 
 @dataclass(frozen=True, eq=False)
 class Evidence(Mapping[str, Fact]):
-    """The facts of one experiment by name, found when they are first asked for: an encoder's counts take no run of the motor.
+    """The facts of one experiment by name, computed on first use: an encoder's counts need no run of the motor.
 
     `info` describes the device that the experiment is for, `record` returns its recording.
     Raises `NotIdentifiable` where an identified fact is asked for that the recording can't tell.

@@ -36,7 +36,7 @@ def _id_of_a_blank(text: str) -> str:
 
 
 class Mistake(Settings):
-    """A wrong answer that many give, and what is told to who gives it."""
+    """A common wrong answer, and its explanation for the student."""
 
     answer: str
     """What comes out of it: an expression over facts, as the right answer has one."""
@@ -50,7 +50,7 @@ class Blank(Settings):
     id: Annotated[str, AfterValidator(_id_of_a_blank)]
     """Name of the blank: small letters, digits and underscores."""
     label: str
-    """What is asked for."""
+    """The question."""
     unit: str = ""
     """Unit of the answer; an answer without one is taken to be in it."""
     answer: str
@@ -58,7 +58,7 @@ class Blank(Settings):
     tolerance: str
     """How far an answer may be off: `exact`, `interval`, `5 %`, `0.5 ms`, or a sum of the latter three."""
     hint: str = ""
-    """What helps somebody whose answer is wrong."""
+    """Help after a wrong answer."""
     mistakes: tuple[Mistake, ...] = ()
     """Wrong answers that are known."""
     by_table: bool = False
@@ -84,7 +84,7 @@ class Correction(Settings):
     paper: Annotated[str, Field(min_length=1)]
     """What the paper says."""
     ours: Annotated[str, Field(min_length=1)]
-    """What is right, in words; `{}` in it stands for the value of `answer` with its unit."""
+    """The correct statement; `{}` in it stands for the value of `answer` with its unit."""
     answer: str = ""
     """The expression that gives our figure in `unit`; empty where none belongs to it."""
     unit: str = ""
@@ -105,7 +105,7 @@ class Correction(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """A piece of an exercise's text: Markdown, or the name of the study that stands there."""
+    """A piece of an exercise's text: Markdown, or the name of the study shown there."""
 
     text: str = ""
     study: str = ""

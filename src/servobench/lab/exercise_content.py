@@ -1,4 +1,4 @@
-"""What an exercise shows, ready to be put before somebody: tables as texts and figures as drawings, in plain data."""
+"""The contents of an exercise, ready to show: tables as texts and figures as drawings, in plain data."""
 
 from __future__ import annotations
 

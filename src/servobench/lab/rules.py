@@ -1,4 +1,4 @@
-"""What can be told of an exercise's rules before anything is run: whether their facts are known, and whether their units fit.
+"""Checks of an exercise's rules before anything is run: whether their facts are known, and whether their units fit.
 
 Names are checked of all rules, but for what a study finds (`NAME_...`), which only its run tells. The unit of a blank is held
 against the dimension of its answer where that follows from the facts: a number such as 10 in it may be 10 V, and then nothing

@@ -45,7 +45,7 @@ class MotorStand:
 
     @cached_property
     def recording(self) -> Recording:
-        """The recording of the exercise's experiment; it is made when it is first asked for."""
+        """The recording of the exercise's experiment; it is made on first use."""
         with self._one_at_a_time:
             return self.made or self.carry_out(self.experiment)
 
@@ -59,7 +59,7 @@ class MotorStand:
         return _AllFacts(Evidence(self.experiment, self.info, lambda: self.recording), self)
 
     def study_result(self, name: str) -> StudyResult:
-        """Return what the study of that name found; it is carried out when it is first asked for.
+        """Return the results of the study of that name, which is carried out on first use.
 
         Raises `UnknownName` for a study that the exercise hasn't, `UsageError` with file and line for one that can't be carried
         out or that asks for what only it will tell, and `NotIdentifiable` where the motor or the recording doesn't tell it.
@@ -96,7 +96,7 @@ class MotorStand:
 
 @dataclass(frozen=True, eq=False)
 class _AllFacts(Mapping[str, Fact]):
-    """The evidence, and the facts of studies, which are carried out when one of theirs is asked for, not to list them."""
+    """The evidence, and the facts of studies; a study is carried out when one of its facts is used, not to list them."""
 
     evidence: Evidence
     stand: MotorStand
@@ -150,7 +150,7 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
 
 
 def stand_of(exercise: Exercise, recording: Recording, called: str = "") -> MotorStand:
-    """Return the stand of an exercise with a recording alone: a study that runs something is told that there is no motor.
+    """Return the stand of an exercise with a recording alone: a study that needs a run gets an error that there is no motor.
 
     `called` is what the recording is called in what is told of it, such as its file; by its own name without one.
     Raises `UsageError` for a recording that doesn't say what device it is of.

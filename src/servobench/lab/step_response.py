@@ -97,7 +97,7 @@ def response_after(recording: Recording, start: float, of: Output, chain: str) -
 
 
 def figures_of(response: Response, initial: float, final: float) -> StepFigures:
-    """Return the figures of a step response from `initial` to `final`, of which the last tenth is taken as its end."""
+    """Return the figures of a step response from `initial` to `final`; its last tenth counts as its end."""
     rise = (response.output - initial) / (final - initial)
     most = float(rise.max())
     goes_beyond = most - 1 > _NO_PEAK

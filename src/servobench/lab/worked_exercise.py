@@ -43,7 +43,7 @@ class EvaluatedCorrection:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WorkedExercise:
-    """An exercise and the stand that it is done on; everything is worked out when it is first asked for.
+    """An exercise and its stand; everything is computed on first use.
 
     `given` are somebody's answers by the ids of blanks.
     """
@@ -103,7 +103,8 @@ class WorkedExercise:
 
     @cached_property
     def never_told(self) -> tuple[str, ...]:
-        """For each known mistake that is within what is right a sentence: nobody who makes it is told.
+        """A sentence for each known mistake within the tolerance of the right answer: students who make it wouldn't learn of
+        it.
 
         Raises `UsageError`, with file and line, for a mistake that can't be worked out.
         """
@@ -114,7 +115,7 @@ class WorkedExercise:
                     wrong = Expression(mistake.answer).evaluate(self.stand.facts).value
                     right = Expression(blank.answer).evaluate(self.stand.facts)
                 except NotIdentifiable:
-                    continue  # here it can't be told apart from anything; in another recording it may be
+                    continue  # here it can't be distinguished; in another recording it may be
                 except UsageError as error:
                     place = self.exercise.place(blank)
                     raise UsageError(f"{place}: blank {blank.id!r}, a mistake: {error}") from error

@@ -137,8 +137,8 @@ class Scope:
         self._remember(found[0], position)
         return shown
 
-    def look_through(self, chain: str) -> None:
-        """Show the speed through another chain from now on, as it would be had it been there for two seconds."""
+    def change_chain(self, chain: str) -> None:
+        """Show the speed through another chain from now on, as if it had been used for two seconds already."""
         self._speed = _Through(speed_chain(chain))
         if self._seen:
             t = np.concatenate([each for each, _ in self._seen])

@@ -30,13 +30,13 @@ def protocol() -> type[asyncio.Protocol]:
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
             if self.cycle is not None or self not in self.connections:  # a request is there, or a socket
-                self._no_longer_waiting()
+                self._stop_waiting()
 
         def connection_lost(self, exc: Exception | None) -> None:
-            self._no_longer_waiting()
+            self._stop_waiting()
             super().connection_lost(exc)
 
-        def _no_longer_waiting(self) -> None:
+        def _stop_waiting(self) -> None:
             self._given_up.cancel()
             if self in waiting:
                 waiting.remove(self)

@@ -56,7 +56,7 @@ class LoopStatus:
         return self.limited != before
 
     def hear(self, event: Notice) -> Command | None:
-        """Take note of the loop's answer to a command; return what is in force from there on, None where it was refused."""
+        """Register the loop's answer to a command; return the command in force from then on, None if it was refused."""
         about = event.about
         self.heard = max(self.heard, about["number"] or 0)
         if not about["accepted"]:

@@ -210,7 +210,7 @@ class Pump(Thread):
             if until:
                 shown.append(self._scope.take(rows[:until]))
             rows = rows[until:]
-            self._scope.look_through(chain)
+            self._scope.change_chain(chain)
         self._chains = []
         last = self._scope.take(rows)
         return np.concatenate([*shown, last]) if shown else last

@@ -1,12 +1,12 @@
-"""What was seen: a recording as it was written down, the files it comes in, and the data set that is made of it.
+"""Recordings: the raw data of a run, the files they come in, and the data set made from them.
 
-`recording` is the noun, with raw counts and never less. `native` reads and writes our own file, `formats` those of others, one
-file for each; `loading` lets libraries read theirs in a child process. `measurement` has the stages of the chain, one file for
-each, and the verb `measure`, which makes a `Dataset` of a recording; `boundedness` says whether one stayed bounded.
-Everything comes in the same way, for Python and for the command line: `adapters` make recordings of objects in memory, one file
-for each kind, `arrays` of arrays that are given by name, `cells` makes numbers of either. `evidence` is a recording with columns,
-units and chain known, `reading` takes the options that state them, and `inspection` lists what is in a recording. It uses `core`:
-whoever reads a file needs no motor and no loop.
+`recording` is the noun, always with raw counts. `native` reads and writes servobench's own file, `formats` foreign ones, one
+file for each; `loading` runs the libraries that read some of them, in a child process. `measurement` has the stages of the
+chain, one file for each, and the verb `measure`, which turns a recording into a `Dataset`; `boundedness` says whether a
+recording stayed bounded. Python and the command line read data in the same way: `adapters` turn objects in memory into
+recordings, one file for each kind, `arrays` does this for arrays given by name, and `cells` parses their values. `evidence` is
+a recording with known columns, units and chain, `reading` has the options that state them, and `inspection` lists the contents
+of a recording. It uses `core`: to read a file you need no motor and no loop.
 
 Public: `Recording`, `load`, `save`, `inspect`, `measure`, `bibo`.
 """

@@ -1,14 +1,15 @@
-"""What a finite record says of stability, and what it can't.
+"""What a finite record shows about stability, and what it can't.
 
-BIBO stability is a sentence about every bounded input and all time; a record has one input and an end. So no record proves it,
-and none disproves it. What a record can say is how its output went while the input was constant: with the slopes c₁ and c₂ of
-two equal parts, one after the other, their middles Δ apart, the mode that is left then goes as e^(λt) with
+BIBO stability is a sentence about every bounded input and all time; a record has one input and an end. So no record proves or
+disproves it. A record can only show how its output behaved while the input was constant. With the slopes c₁ and c₂ of two
+successive equal parts, their middles Δ apart, the remaining mode goes as e^(λt) with
 
     λ = ln(c₂/c₁)/Δ
 
-which follows from c₂ = c₁ e^(λΔ). An integrator has λ = 0. Every pole within the interval of λ fits the record as well. Where
-the logarithm of the slope changes by less than half of what it did a quarter of the stretch before, it isn't one mode: the
-answer to the last change of the input is still dying out, and may be all of that change. Then the interval holds zero, too.
+which follows from c₂ = c₁ e^(λΔ). An integrator has λ = 0. Every pole within the interval of λ fits the record as well. If the
+logarithm of the slope changes by less than half as much as a quarter of the stretch earlier, there is more than one mode: the
+response to the last change of the input is still dying out, and may explain the whole change. Then the interval contains zero,
+too.
 """
 
 from __future__ import annotations
@@ -79,7 +80,8 @@ class RecordReport:
 
 
 def bibo(data: Dataset) -> RecordReport:
-    """Return what a record of bounded input says of its output's bounds, in sentences that don't go beyond it.
+    """Return what a record with a bounded input shows about the bounds of its output, and no more than that,
+    in sentences.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

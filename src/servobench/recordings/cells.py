@@ -1,4 +1,4 @@
-"""What stands in an array or a column in memory, made numbers: of any type that holds numbers or times, missing ones NaN."""
+"""Numbers from an array or a column in memory, of any type with numbers or times; missing values become NaN."""
 
 from __future__ import annotations
 

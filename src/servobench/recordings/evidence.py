@@ -1,4 +1,4 @@
-"""A recording with all that was said of it: its columns, units, times, and its measurement chain where that belongs."""
+"""A recording with everything stated about it: its columns, units, times, and the place of its measurement chain."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def with_chain(recording: Recording, text: str) -> Evidence:
     output, unit = _output(recording)
     if not chain.stages:
         return Evidence(replace(recording, chain=text.strip() or recording.chain))
-    if not _is_still_to_come(chain, unit):
+    if not _is_chain_pending(chain, unit):
         return Evidence(replace(recording, chain=text))
     told = info(
         "chain-applied",
@@ -59,7 +59,7 @@ def _output(recording: Recording) -> tuple[str, str]:
     return name, recording[name].channel.unit or ""
 
 
-def _is_still_to_come(chain: Chain, unit: str) -> bool:
+def _is_chain_pending(chain: Chain, unit: str) -> bool:
     if unit_named(unit).quantity != "position":
         return False
     if chain.yields("position") == "speed":

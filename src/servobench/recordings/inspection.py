@@ -9,11 +9,11 @@ from servobench.recordings.reading import ReadingOptions, recordings_meant
 
 
 def inspect(data: object = None, **options: Unpack[ReadingOptions]) -> tuple[Description, ...]:
-    """Return what is in each recording of a file, a DataFrame, a recording, or a list of such.
+    """Return the contents of each recording in a file, a DataFrame, a recording, or a list of these.
 
-    Its channels and times, which of them are input and output as far as that is said or recognised, and what has to be said
-    before it can be identified. `options` say how to read it, as for `identify`: see `ReadingOptions`.
-    Raises `UsageError` for what can't be read.
+    The contents are its channels and times, the input and output as far as stated or recognised, and the
+    information still missing for an identification. `options` say how to read it, as for `identify`: see
+    `ReadingOptions`. Raises `UsageError` for data that can't be read.
 
     >>> for each in inspect({"t": [0, 0.1, 0.2], "voltage": [0, 1, 1], "angle_deg": [0, 0, 1]}):
     ...     print(each.mapping.input, each.mapping.output)

@@ -1,4 +1,4 @@
-"""What somebody has at hand, made data for identification: the one way in, for Python and for the command line."""
+"""Data of any kind, converted for identification: the one entry for Python and for the command line."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from servobench.core.arguments import check_type
 from servobench.core.errors import UnknownName, UsageError
-from servobench.recordings.adapters.base import recordings_in, with_names_of_their_own
+from servobench.recordings.adapters.base import recordings_in, unique_names
 from servobench.recordings.arrays import recordings_of_arrays
 from servobench.recordings.evidence import Evidence, evidence_of
 from servobench.recordings.formats.mapping import Mapping
@@ -37,7 +37,7 @@ class ReadingOptions(TypedDict, total=False):
     output: str
     """The column of what was measured, such as `angle:deg`; its unit decides whether that is a position or a speed."""
     reference: str
-    """The column of what a feedback loop was told to follow."""
+    """The column of a feedback loop's reference."""
     supply: str
     """What feeds the amplifier of an input that is a duty: a column, or a constant such as `7.4 V`."""
     current: str
@@ -99,7 +99,7 @@ class _Said:
 def datasets_in(
     data: object = None, *, starts_at_rest: bool = False, argument: str = "data", **options: Any
 ) -> tuple[Dataset, ...]:
-    """Return the datasets in what somebody has at hand: those that are, and what is measured of the rest.
+    """Return the datasets in the given data: datasets as they are, and `measure` of the rest.
 
     `options` are those of `ReadingOptions`; `starts_at_rest` is as for `measure`. Raises `UsageError`, which names the argument,
     and what reading and `measure` raise.
@@ -112,7 +112,7 @@ def datasets_in(
 def evidence_in(
     data: object = None, *, argument: str = "data", **options: Any
 ) -> tuple[Evidence | Dataset, ...]:
-    """Return the recordings in what somebody has at hand, with roles, units and times; a `Dataset` as it is.
+    """Return the recordings in the given data, with roles, units and times; a `Dataset` as it is.
 
     Recordings of one name are called after their files, or numbered, so that each can be told from the others.
     Raises `UsageError`, which names the argument, for what can't be read or doesn't go together; `MissingInformation` where
@@ -125,7 +125,7 @@ def evidence_in(
 def recordings_meant(
     data: object = None, *, argument: str = "data", **options: Any
 ) -> tuple[tuple[Recording, Mapping], ...]:
-    """Return the recordings that are meant of those in what somebody has at hand, each with what was said of it.
+    """Return the selected recordings in the given data, each with the information stated about it.
 
     Raises what `evidence_in` does, but for what has to be said first.
     """
@@ -139,7 +139,7 @@ def recordings_meant(
 
 
 def further_evidence_in(data: object, *, argument: str, **options: Any) -> tuple[Evidence | Dataset, ...]:
-    """Return the same for data beside others, to which the options were said: all recordings, whatever names those choose."""
+    """Return the same for further data, without the options that select recordings: all recordings."""
     kept = {name: value for name, value in options.items() if name not in (*_ARRAYS, "recordings")}
     if (
         len(set(_values(kept.get("input_value") or ()))) > 1
@@ -175,7 +175,7 @@ def _without_empty(options: dict[str, Any]) -> dict[str, Any]:
 def _evidence(meant: Sequence[tuple[Recording, Mapping]]) -> tuple[Evidence, ...]:
     """The recordings as they were said to be, each under a name of its own."""
     parts = [evidence_of(recording, said) for recording, said in meant]
-    named = with_names_of_their_own([part.recording for part in parts])
+    named = unique_names([part.recording for part in parts])
     return tuple(replace(part, recording=own) for part, own in zip(parts, named, strict=True))
 
 

@@ -1,4 +1,4 @@
-"""A recording: what happened, with nothing thrown away."""
+"""A recording: all raw data of a run."""
 
 from __future__ import annotations
 
@@ -90,18 +90,18 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Recording:
-    """What happened: raw channels, each with its own times.
+    """The raw channels of a run, each with its own times.
 
-    `input` and `output` name the channels that are the motor's input and measured output, or are None where nobody has said so
-    yet. Sample k of the output is latched at t_k before input k acts; input k holds from its time to the next.
-    `input_before` is the input before the first sample, None where it isn't known (then the first value is taken).
-    `starts_at_rest` says that the shaft rests at the first sample and the input was zero until then, as of a test of SysId.
-    `chain` says, as text, what lies between the shaft and the output channel; empty for a raw encoder, or where nobody knows,
-    `none` where it is known that there is nothing. `reference` names the channel of what a feedback loop was told to follow.
-    A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s], `late` and `saturated` (0 or 1), where the device
-    has them `tachometer` and `current`, and where a controller follows it `reference`. `experiment` is the experiment's TOML
-    text, empty where there was none. `events` are in the order in which they happened.
-    Raises `UsageError` for a name that stands twice, and for a role that no channel has.
+    `input` and `output` name the channels with the motor's input and measured output, or are None if these
+    aren't known yet. Sample k of the output is latched at t_k before input k acts; input k holds from its
+    time to the next. `input_before` is the input before the first sample; if it is None, the first value is
+    used. `starts_at_rest` says that the shaft is at rest at the first sample and the input was zero until
+    then, as in a SysId test. `chain` describes the stages between the shaft and the output channel as text:
+    empty for a raw encoder or if unknown, `none` if there are none. `reference` names the channel with the
+    reference of a feedback loop. A servobench run has `commanded` and `applied` [V], `counts`, `scheduled`
+    [s], `late` and `saturated` (0 or 1), `tachometer` and `current` if the device has them, and `reference`
+    if a controller follows one. `experiment` is the experiment's TOML text, empty if there was none. `events`
+    are in chronological order. Raises `UsageError` for a repeated name, and for a role without a channel.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:
@@ -127,7 +127,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     """What there is to know about it."""
     stopped: Stopped = Stopped(reason="unknown", sentence="the file doesn't say why the recording ended")
-    """Why it ended, None where nobody knows."""
+    """Why it ended, None if unknown."""
     versions: Mapping[str, str] = field(default_factory=dict)
     """Programs and their versions that made it."""
     events: tuple[Event, ...] = ()

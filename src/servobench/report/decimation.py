@@ -1,4 +1,4 @@
-"""Fewer points for the same picture: no figure needs more of them than it has columns of pixels."""
+"""Fewer points for the same picture: a figure needs no more points than it has columns of pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The noun `Report`: a result for people to read, in one file."""
+"""The noun `Report`: a result to read, in one file."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from servobench.recordings.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A result, and the recordings that it was made from, as a page that opens from disk without a network.
+    """A result and its recordings as a page that opens from disk without a network.
 
-    `recording` is one recording, several, or None where there are only datasets. `command` is what was typed to get the result;
-    without it the report puts one together from what the recordings say.
+    `recording` is one recording, several, or None if there are only datasets. `command` is the command that
+    gave the result; without it the report builds one from the recordings.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

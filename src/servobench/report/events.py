@@ -1,4 +1,4 @@
-"""What happened in a run beside its samples: commands with what they changed, faults, what the recorder missed."""
+"""The events of a run: commands with their changes, faults, and rows that the recorder missed."""
 
 from __future__ import annotations
 

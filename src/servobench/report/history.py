@@ -1,4 +1,4 @@
-"""What was asked and what happened: the tables of recordings, as plain texts."""
+"""The tables of experiments and recordings, as plain texts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a report: everything put in its place, and every text of a user's made harmless."""
+"""The page of a report: its templates filled, and every user text escaped."""
 
 from __future__ import annotations
 

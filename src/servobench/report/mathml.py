@@ -1,4 +1,4 @@
-"""A transfer function as a reader of textbooks writes it, in MathML, which every browser sets without help."""
+"""A transfer function in textbook notation, in MathML, which every browser displays without help."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How figures look: colours by what they mean, sizes in CSS pixels, and axes without ornament."""
+"""The look of figures: colours by meaning, sizes in CSS pixels, and plain axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the motor was guarded by in a run: each limit with its number, and whether it was reached."""
+"""The guard's limits in a run: each with its value, and whether it was reached."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A speed for the eye: what a position looks like when it's differenced over a time that a person can read."""
+"""A speed for plots: the difference of a position over a time long enough to be readable."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What turns, and what turns it: the motor, the devices, the experiment and the loop that runs it in time.
+"""The rig: the motor, the devices, the experiment and the loop that runs it in time.
 
-`motor` is the physics of the twin and the data sheets, `devices` what takes a voltage and gives counts (with its guard and its
-faults), `experiment` what is asked for, `clock` who keeps the time, `loop` what carries it out, in a process of its own where it
-has to. `lost_device` has the errors that bring the recording along, `lateness` says how late the samples of a run were. It uses
+`motor` has the physics of the twin and the data sheets, `devices` take a voltage and give counts (with their guard and faults),
+`experiment` describes a run, `clock` keeps the time, `loop` carries the run out, in a process of its own if necessary.
+`lost_device` has the errors that carry the recording so far, `lateness` says how late the samples of a run were. It uses
 `recordings`, which it writes, `systems`, whose signals and control laws it runs, and `core`.
 
 Public: `Experiment`, `connect`, `run`.

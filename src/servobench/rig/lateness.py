@@ -1,4 +1,4 @@
-"""How late the samples of a run were, out of what was recorded of each."""
+"""How late the samples of a run were, from their recorded times."""
 
 from __future__ import annotations
 

@@ -15,4 +15,4 @@ class DeviceLost(DeviceError):
 
 
 class DeviceSilent(DeviceLost):
-    """A device of which a call didn't return; the message says whether zero volts were confirmed before the loop was ended."""
+    """A device call didn't return; the message says whether zero volts were confirmed before the loop was ended."""

@@ -1,4 +1,4 @@
-"""The first-order motor as it is known, in the unit of position that its user thinks in: what controllers are made from."""
+"""The identified first-order motor, in the user's unit of position: the basis of all controllers."""
 
 from __future__ import annotations
 

@@ -29,7 +29,8 @@ PADE_ORDER = 3
 def to_control(system: TransferFunction, *, pade_order: int = PADE_ORDER) -> control.TransferFunction:
     """Return a system as a `control.TransferFunction`, its delay as a Padé approximation of that order.
 
-    `to_control_and_delay` is exact. Raises `UsageError` for a negative delay, and where python-control isn't installed.
+    `to_control_and_delay` is exact. Raises `UsageError` for a negative delay, and if python-control isn't
+    installed.
 
     >>> from servobench import TransferFunction
     >>> motor = TransferFunction(numerator=(20.0,), denominator=(0.1, 1.0))
@@ -51,9 +52,9 @@ def to_control_and_delay(system: TransferFunction) -> tuple[control.TransferFunc
 def from_control(system: Any, *, output: str, unit: str, delay: float = 0.0) -> TransferFunction:
     """Return a python-control system in continuous time with one input and one output.
 
-    Any of its linear kinds will do (transfer function, state space). It knows no units, so `output` (`speed`, `position`) and the
-    `unit` of its gain (`rad/(s·V)`) have to be said; `delay` [s] is what stands beside it.
-    Raises `UsageError` for a system in discrete time, with several inputs or outputs, or that is no linear system.
+    Any linear kind is accepted (transfer function, state space). It has no units, so state `output` (`speed`,
+    `position`) and the `unit` of the gain (`rad/(s·V)`); `delay` [s] is an additional delay. Raises
+    `UsageError` for a system in discrete time, with several inputs or outputs, or that isn't linear.
 
     >>> import control
     >>> print(from_control(control.tf([20.0], [0.1, 1.0]), output="speed", unit="rad/(s·V)"))
@@ -118,7 +119,8 @@ def to_scipy_and_delay(system: TransferFunction) -> tuple[scipy.signal.lti, floa
 def from_scipy(system: Any, *, output: str, unit: str, delay: float = 0.0) -> TransferFunction:
     """Return a `scipy.signal.lti` of any kind (transfer function, zeros and poles, state space); arguments as `from_control`.
 
-    `delay` [s] is what stands beside it. Raises `UsageError` for a system in discrete time, or with several inputs or outputs.
+    `delay` [s] is an additional delay. Raises `UsageError` for a system in discrete time, or with several
+    inputs or outputs.
 
     >>> import scipy.signal
     >>> print(from_scipy(scipy.signal.lti([20.0], [0.1, 1.0]), output="speed", unit="rad/(s·V)"))

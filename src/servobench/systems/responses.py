@@ -1,4 +1,4 @@
-"""What a transfer function does: its step response, rise time and bandwidth."""
+"""Responses of a transfer function: step response, rise time and bandwidth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A loop that is closed at ticks around a motor that goes on in between: exact at the ticks, whatever the sample time and delay.
+"""A sampled loop around a continuous motor: exact at the ticks, for any sample time and delay.
 
 The motor G(s) = C (sI - A)⁻¹ B stands behind a voltage that holds for a sample time h and acts d = m h + p later, 0 ≤ p < h:
 u[k-m-1] for p, then u[k-m] for h - p (the modified z-transform; Franklin, Powell and Workman 1998, section 4.3):
@@ -31,7 +31,7 @@ from servobench.systems.transfer_function import TransferFunction
 _TURN = 2 * math.pi
 _QUARTER = 0.5 * math.pi
 _EDGE = 1e-12  # relative; how far from an edge a stretch begins, so that a jump there is no part of it
-_TERMS = 15  # of the exponential's series: what is left of it is below (1/2)^15/15! = 2e-17
+_TERMS = 15  # of the exponential's series: the remainder is below (1/2)^15/15! = 2e-17
 _LEVEL = 1e-9  # of a turn; nearer than that a phase is at a level, as far as rounding tells
 
 _MOST_STATES = 1000  # of a closed loop: the time for its poles grows with their cube

@@ -18,8 +18,8 @@ from servobench.core.errors import UsageError
 class TransferFunction:
     """G(s) = e^(-delay s) · numerator(s) / denominator(s) (Åström and Murray 2008, chapter 8).
 
-    Coefficients stand with the highest power of s first. `output` is what comes out (`speed` or `position`), `unit` the
-    unit of the gain, output unit per input unit (`rad/(s·V)`). Raises `UsageError` where a coefficient isn't finite or the
+    Coefficients begin with the highest power of s. `output` is `speed` or `position`, `unit` the unit of the
+    gain, output unit per input unit (`rad/(s·V)`). Raises `UsageError` if a coefficient isn't finite or the
     leading coefficient of the denominator is zero.
 
     >>> motor = TransferFunction(numerator=(23.7,), denominator=(0.099, 1.0), delay=0.0001)

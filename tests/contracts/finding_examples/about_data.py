@@ -157,6 +157,11 @@ def _example(code: str, faulty: Callable[[], Dataset], like: Callable[[], Datase
     return Example(code=code, raised=partial(of, faulty), absent=partial(of, like))
 
 
+def _slipped(angle: float) -> Dataset:
+    """A shaft that slips in its coupling by an angle [rad], once."""
+    return replace(sound(), y=sound().y + np.where(np.arange(5000) > 3210, angle, 0.0))
+
+
 EXAMPLES = (
     Example(
         code="angle-wraps",
@@ -184,6 +189,7 @@ EXAMPLES = (
     _example("loop-swings", lambda: _loop_at_its_limits(20), lambda: _loop_at_its_limits(1000)),
     _example("motion-too-small", _within_a_count, _square),
     _example("output-clipped", _clipped, _square),
+    _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
     _example("output-spikes", _with_spikes, sound),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),
     _example("output-stops", _blocked_late, sound),

@@ -14,7 +14,7 @@ from servobench.identification.estimators.output_error import best_minimum, rema
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import about_fit
-from servobench.identification.trust.doubts.lag_not_split import with_what_the_lag_tells
+from servobench.identification.trust.doubts.lag_not_split import widen_for_lag_split
 from servobench.identification.trust.held_out import about_validation, validate_with
 from servobench.identification.trust.validation import validate
 from servobench.identification.uncertainty.identifiability import combinations, parameter_statuses
@@ -136,6 +136,16 @@ def _one_way_that_reverses() -> Fit:
     return fitted(sound(samples=2000), "first_order_one_way")
 
 
+@cache
+def _speed_up_to(limit: float) -> Fit:
+    """The speed [rad/s] at many levels, measured with noise behind a sensor that ends at a limit."""
+    random = np.random.default_rng(5)
+    u = np.repeat(random.uniform(-3.0, 3.0, 60), 100)
+    data = dataset(seed=1, samples=len(u), u=u, chain="derivative")
+    y = np.clip(data.y, -limit, limit) + random.normal(0.0, 0.5, len(data.y))
+    return fitted(replace(data, y=y, applied=type(data.applied)(), quantum=None))
+
+
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
     _example("fit-by-chance", _of_another_motor),
@@ -149,8 +159,8 @@ EXAMPLES = (
     _example("structure-reverses", _one_way_that_reverses),
     Example(
         code="lag-not-split",
-        raised=lambda: with_what_the_lag_tells(fit_with(0.01, 2.0, 2.0, -0.9999)).findings,
-        absent=lambda: with_what_the_lag_tells(sound_fit()).findings,
+        raised=lambda: widen_for_lag_split(fit_with(0.01, 2.0, 2.0, -0.9999)).findings,
+        absent=lambda: widen_for_lag_split(sound_fit()).findings,
     ),
     _example(
         "loop-tells-little",
@@ -166,6 +176,7 @@ EXAMPLES = (
     ),
     _example("offset-found", lambda: _one_way(0.0)),
     _example("offset-negative", lambda: _one_way(1.0), lambda: _one_way(0.0)),
+    _example("output-limited", lambda: _speed_up_to(35.0), lambda: _speed_up_to(100.0)),
     Example(
         code="parameter-at-bound",
         raised=lambda: _as_speed().findings,

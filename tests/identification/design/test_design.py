@@ -135,18 +135,21 @@ def test_what_was_identified_is_what_is_assumed() -> None:
 
 
 def test_a_random_torque_is_foreseen_from_a_recording() -> None:
-    """Under the torque of the recording, a repetition of the experiment is predicted to tell what the first one told."""
-    data = dataset(seed=1, kind="prbs", torque_noise=1e-5)
-    result = identify(data)
-    motor = from_result(result, "a.csv")
-    assert result.fit is not None
-    assert result.fit.estimator == "prediction_error"
+    """Under the torque of a recording, a repetition is predicted to tell what such recordings tell, in the root mean square.
+
+    How much one of them leaves open of a friction that is larger near rest depends on its noise.
+    """
+    results = [identify(dataset(seed=seed, kind="prbs", torque_noise=1e-5)) for seed in range(1, 9)]
+    data, motor = results[0].data[0], from_result(results[0], "a.csv")
+    fits = [result.fit for result in results if result.fit is not None]
+    assert [fit.estimator for fit in fits] == 8 * ["prediction_error"]
 
     ahead = foresee(replace(motor, tolerance=0.0), data.t_input, data.u, 2)
 
     # The fit's own covariance is a mixture over levels of noise that the data allow, which widens it by some percent.
     for name in ("gain", "time_constant"):
-        assert ahead.sd[name] == pytest.approx(result.fit[name].sd, rel=0.15)
+        stated = float(np.sqrt(np.mean([fit[name].sd ** 2 for fit in fits])))
+        assert ahead.sd[name] == pytest.approx(stated, rel=0.15)
 
 
 def test_a_limit_of_the_current_needs_a_resistance() -> None:

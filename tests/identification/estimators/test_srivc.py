@@ -22,6 +22,8 @@ from tests.rig.motor.reference import Truth
 
 Array = NDArray[np.float64]
 SRIVC, CLSRIVC = ESTIMATORS["srivc"], ESTIMATORS["clsrivc"]
+ENOUGH = [(30, 25), pytest.param(100, 88, marks=pytest.mark.long)]
+"""Runs, and of them those that cover at least: at 95 % fewer do in 1 case of 300, of 100 in 1 of 680 (binomial)."""
 
 
 def simulated(
@@ -93,16 +95,19 @@ def test_the_winding_is_found_as_a_second_pole() -> None:
 
 @pytest.mark.parametrize("irregular", [False, True])
 @pytest.mark.parametrize("delay", [0.003, 0.0155])
-def test_a_fraction_of_a_sample_of_delay_is_covered(delay: float, irregular: bool) -> None:
-    """0.3 and 1.55 sample times. 100 runs with a coverage of 95 % cover less than 88 in 1 case of 300 (binomial)."""
+@pytest.mark.parametrize(("runs", "fewest"), ENOUGH)
+def test_a_fraction_of_a_sample_of_delay_is_covered(
+    delay: float, irregular: bool, runs: int, fewest: int
+) -> None:
+    """0.3 and 1.55 sample times."""
     structure = structure_of("rational_2_1_delay")
     theta = [*SECOND, delay]
     covered = np.zeros(5)
-    for seed in range(100):
+    for seed in range(runs):
         fit = SRIVC.fit(structure, [simulated(structure, theta, seed=seed, irregular=irregular)])
         intervals = [estimate.interval for estimate in fit.estimates.values()]
         covered += [low <= value <= high for value, (low, high) in zip(theta, intervals, strict=True)]
-    assert covered.min() >= 88, covered
+    assert covered.min() >= fewest, covered
     assert delay == pytest.approx(fit["delay"].value, abs=5 * fit["delay"].sd)
 
 
@@ -167,18 +172,22 @@ def errors(fit: Fit) -> Array:
     return np.array([fit.model.theta - truth, inside])
 
 
-def test_coloured_noise_in_a_closed_loop_biases_srivc_and_not_clsrivc() -> None:
-    """The mean of 100 runs has a tenth of their scatter. Chance alone exceeds 3.3 of that in 1 case of 1000."""
+@pytest.mark.parametrize(("runs", "fewest"), ENOUGH)
+def test_coloured_noise_in_a_closed_loop_biases_srivc_and_not_clsrivc(runs: int, fewest: int) -> None:
+    """The mean of 100 runs has a tenth of their scatter. Chance alone exceeds 3.3 of that in 1 case of 1000.
+
+    The bias of srivc is 0.6 of the scatter of single runs at least.
+    """
     structure = structure_of("rational_1_0")
-    runs = [loop(seed) for seed in range(100)]
+    records = [loop(seed) for seed in range(runs)]
     open_, closed = (
-        np.array([errors(estimator.fit(structure, [run])) for run in runs]) for estimator in (SRIVC, CLSRIVC)
+        np.array([errors(estimator.fit(structure, [record])) for record in records])
+        for estimator in (SRIVC, CLSRIVC)
     )
-    bias = [10 * found[:, 0].mean(axis=0) / found[:, 0].std(axis=0, ddof=1) for found in (open_, closed)]
-    assert abs(bias[0][1]) > 6
-    assert np.abs(bias[1]).max() < 3.3
-    # 88 and 99 of 100: see above.
-    assert (closed[:, 1].sum(axis=0) >= 88).all()
+    bias = [found[:, 0].mean(axis=0) / found[:, 0].std(axis=0, ddof=1) for found in (open_, closed)]
+    assert abs(bias[0][1]) > 0.6
+    assert np.abs(bias[1]).max() < 3.3 / np.sqrt(runs)
+    assert (closed[:, 1].sum(axis=0) >= fewest).all()
 
 
 def test_a_controller_without_an_integrator_will_do_too() -> None:

@@ -12,7 +12,7 @@ from servobench.core.finding import Finding
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import about_fit
-from servobench.identification.trust.doubts.lag_not_split import with_what_the_lag_tells
+from servobench.identification.trust.doubts.lag_not_split import widen_for_lag_split
 from servobench.identification.uncertainty.identifiability import State, parameter_statuses
 from tests.datasets import QUANTUM
 from tests.identification.test_one_level import stepped
@@ -48,7 +48,7 @@ def told(fit: Fit) -> dict[str, Finding]:
 
 def test_a_known_sum_of_unknown_parts_is_no_reason_to_refuse() -> None:
     before = fit_with(gain=0.01, tau=0.7, delay=0.7, correlation=-0.99)
-    after = with_what_the_lag_tells(before)
+    after = widen_for_lag_split(before)
 
     assert "lag-not-split" not in told(before)
     assert "lag-not-split" in told(after)
@@ -57,7 +57,7 @@ def test_a_known_sum_of_unknown_parts_is_no_reason_to_refuse() -> None:
 
 def test_the_sum_keeps_its_variance_and_each_part_may_be_all_of_it() -> None:
     before = fit_with(gain=0.01, tau=0.7, delay=0.7, correlation=-0.99)
-    after = with_what_the_lag_tells(before)
+    after = widen_for_lag_split(before)
 
     lag = after["time_constant"].value + after["delay"].value
     assert variance_of_the_lag(after) == pytest.approx(variance_of_the_lag(before), rel=1e-9)
@@ -81,13 +81,13 @@ def test_the_sum_keeps_its_variance_and_each_part_may_be_all_of_it() -> None:
 def test_what_is_known_stays_and_what_is_not_is_refused(sizes: dict[str, float]) -> None:
     before = fit_with(**sizes)
 
-    assert with_what_the_lag_tells(before) is before
+    assert widen_for_lag_split(before) is before
 
 
 def test_a_fine_sensor_is_no_reason_so_that_the_input_or_the_model_must_be() -> None:
     before = fit_with(gain=0.01, tau=0.7, delay=0.7, correlation=-0.99, quantum=QUANTUM)
 
-    assert with_what_the_lag_tells(before) is before
+    assert widen_for_lag_split(before) is before
 
 
 def test_a_lag_of_which_nothing_is_known_is_refused() -> None:
@@ -95,5 +95,5 @@ def test_a_lag_of_which_nothing_is_known_is_refused() -> None:
     at = [before.model.names.index(name) for name in ("time_constant", "delay")]
     before.covariance[at, at] = np.inf
 
-    assert with_what_the_lag_tells(before) is before
+    assert widen_for_lag_split(before) is before
     assert parameter_statuses(before)["time_constant"].state is State.UNKNOWN

@@ -109,7 +109,7 @@ def test_what_a_result_is_good_for_follows_from_its_intervals() -> None:
     tau = fit.model["time_constant"]
 
     assert "97 %" in sentence
-    assert f"up to {np.deg2rad(5) / (0.05 * tau):.2g} rad/s" in sentence
+    assert f"of at most {np.deg2rad(5) / (0.05 * tau):.2g} rad/s" in sentence
     assert "more than 1.4 %" in sentence
 
 

@@ -18,7 +18,7 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.output_error import OutputError
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES, Model
-from servobench.identification.trust.missing_terms import fast_pole_doubt
+from servobench.identification.uncertainty.one_lag import lag_covariance
 from servobench.identification.uncertainty.propagation import (
     continuous_loop_margins,
     derive,
@@ -35,7 +35,6 @@ from tests.rig.motor.reference import Truth
 K, TAU, OFFSET, D = 20.0, 0.1, 0.3, 0.002
 H = 0.002  # s, of the data
 SD = np.array([0.02, 1e-4, 0.01, 2e-5])
-RUNS = 100
 
 
 def fit(sd: Array = SD, correlation: float = 0.0, **changes: object) -> Fit:
@@ -296,15 +295,16 @@ def physical(truth: Truth) -> tuple[control.TransferFunction, float, float]:
     return control.tf([k], [j * l, j * r + l * b, r * b + k * k]), -1 / slow, cutoff
 
 
-def test_95_percent_intervals_cover_in_89_to_100_of_100_runs() -> None:
-    """A coverage of 95 % in 100 runs has a standard deviation of 2.2 %: 89 is 2.8 of them below.
+@pytest.mark.parametrize(("runs", "fewest"), [(30, 25), pytest.param(100, 89, marks=pytest.mark.long)])
+def test_95_percent_intervals_cover(runs: int, fewest: int) -> None:
+    """At 95 % fewer than 25 of 30 cover in 1 case of 300, fewer than 89 of 100 in 1 of 230 (binomial).
 
     The margins are those of the loop as it runs every 2 ms, by python-control: the motor with its hold, the lead by the trapezoid
     rule. The model has a delay in the electrical pole's place, which the doubt about what a delay is made of allows for.
     """
     feedback = TransferFunction(numerator=LEAD[0], denominator=LEAD[1])
     covered = dict.fromkeys(("pole", "bandwidth", "phase_margin", "gain_margin"), 0)
-    for seed in range(RUNS):
+    for seed in range(runs):
         truth = Truth(inertia=Truth().inertia * (1 + 0.05 * np.random.default_rng(seed).uniform(-1, 1)))
         motor, pole, cutoff = physical(truth)
         held = control.sample_system(control.ss(motor * control.tf([1.0], [1.0, 0.0])), H, method="zoh")
@@ -325,8 +325,8 @@ def test_95_percent_intervals_cover_in_89_to_100_of_100_runs() -> None:
         data = dataset(seed=seed, truth=truth, samples=2500)
         fit = OutputError().fit(STRUCTURES["first_order_one_way"], [data])
         # As `identify` does it: what the delay is made of is part of what isn't known.
-        found = derive(replace(fit, covariance=fit.covariance + fast_pole_doubt(fit)), feedback)
+        found = derive(replace(fit, covariance=fit.covariance + lag_covariance(fit)), feedback)
         for name, answer in answers.items():
             low, high = found[name].interval
             covered[name] += low <= answer <= high
-    assert min(covered.values()) >= 89, covered
+    assert min(covered.values()) >= fewest, covered

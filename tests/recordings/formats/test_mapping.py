@@ -68,7 +68,7 @@ def test_what_follows_the_last_colon_is_a_unit_only_if_it_is_one(
 
 def test_only_the_unit_of_the_output_has_to_be_said_of_t_u_y() -> None:
     assert missing(made("t", "u", "y")) == (
-        "the unit of the output `y`: say `output=y:UNIT`, such as y:deg/s",
+        "the unit of the output `y`: say `output=y:UNIT`, such as y:deg or y:deg/s",
     )
 
     assigned = assign(made("t", "u", "y"), output="y:deg/s")

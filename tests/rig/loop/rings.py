@@ -53,7 +53,7 @@ class RingLoop:
         )
         self.ticks, self.ticks_a_look = ticks, ticks_a_look
         self.on_wait, self.waits = on_wait, 0
-        self.is_gone = self.is_alone = self.is_asked = self.stands = False
+        self.is_gone = self.is_alone = self.is_answerable = self.stands = False
         self.stops_where_recording_fails = stops_where_recording_fails
         self.failed_at: int | None = None
 
@@ -119,7 +119,7 @@ class RingLoop:
         return self.is_alone
 
     def end_wanted(self) -> bool:
-        return self.is_asked
+        return self.is_answerable
 
 
 def ticks_of(recording: Recording, sample_time: float = 0.01) -> np.ndarray:

@@ -158,14 +158,14 @@ def test_a_recorder_that_is_alone_goes_on_while_the_loop_does(path: Path) -> Non
 def test_a_recorder_that_is_asked_to_end_waits_for_the_last_word_and_ends_without_it(path: Path) -> None:
     with RingLoop(path, ticks=30) as loop:
         loop.open()
-        loop.is_asked = True
+        loop.is_answerable = True
         record(loop.spec, loop.rows, loop.events, loop)
     assert len(ticks_of(read(path)[0])) == 30
     assert read(path)[0].stopped.reason == "finished"
 
     with RingLoop(path, ticks=10**6) as loop:
         loop.open()
-        loop.is_asked = True
+        loop.is_answerable = True
         record(loop.spec, loop.rows, loop.events, loop)
     assert len(ticks_of(read(path)[0])) == 3 * LAST_WORDS
     assert "asked to end before the run did" in read(path)[0].stopped.sentence

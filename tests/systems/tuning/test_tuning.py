@@ -20,7 +20,7 @@ from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.signals.square import Square
 from servobench.systems.tuning.base import METHODS, Wish
-from servobench.systems.tuning.loop import nominal_margins, open_loop
+from servobench.systems.tuning.loop import least_margins, loop_margins, nominal_margins, open_loop
 from servobench.systems.tuning.response import unit_step
 from servobench.systems.tuning.tune import LEAST_FACTOR, LEAST_PHASE, TuningResult
 from servobench.systems.tuning.tune import tune as tune_motor
@@ -282,6 +282,19 @@ def test_a_wish_that_is_too_fast_is_refused_and_the_fastest_that_is_told_can_be_
     made = tuned(**(asked | slower))
     assert made.margins["phase_margin"].interval[0] >= LEAST_PHASE
     assert made.margins["gain_margin"].interval[0] >= LEAST_FACTOR
+
+
+@pytest.mark.parametrize("bandwidth", [10.0, 20.0, 25.0])
+def test_intervals_over_some_of_the_motors_lie_within_those_over_all(bandwidth: float) -> None:
+    """So that a wish that is refused by the few is refused by all."""
+    motor = first_order_motor(answered(), "tune", "rad")
+    found = tuned(bandwidth=bandwidth, damping=0.8).controller
+    few, every = (margins(found, motor, H) for margins in (least_margins, loop_margins))
+
+    for name, value in every.items():
+        (low, high), (outer_low, outer_high) = few[name].interval, value.interval
+        assert outer_low <= low
+        assert high <= outer_high
 
 
 def test_lambda_below_the_dead_time_is_refused() -> None:

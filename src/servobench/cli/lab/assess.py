@@ -95,7 +95,7 @@ def _show_handed_out(
 
     from servobench.cli.layout import show_table, show_wrapped
     from servobench.cli.terminal import say
-    from servobench.lab.assessment.questions import all_passed_by_others, pass_rates, same_for_all
+    from servobench.lab.assessment.questions import pass_rates, same_for_all, whole_form_pass_rate
     from servobench.lab.exercise_file import FOLDER
     from servobench.lab.formula import line_text
 
@@ -103,7 +103,7 @@ def _show_handed_out(
     passed, same = pass_rates(asked), same_for_all(asked)
     rows = []
     for column in zip(*asked, strict=True):
-        blank, count = column[0].blank, sum(question.is_asked for question in column)
+        blank, count = column[0].blank, sum(question.is_answerable for question in column)
         of = "all" if count == len(column) else "nobody" if not count else f"{count} of {len(column)}"
         whose = "" if count < 2 else "everybody's" if same[blank.id] else "own"
         part = _percent(passed[blank.id]) if count else ""
@@ -111,7 +111,7 @@ def _show_handed_out(
     others = "others' answers pass"
     headings = ("blank", "asked of", "right answer", others, "what is asked for")
     show_table(console, headings, rows, right=(others,))
-    if sentence := _tells_apart(all_passed_by_others(asked), same, passed):
+    if sentence := _whole_form_text(whole_form_pass_rate(asked), same, passed):
         show_wrapped(console, Text(), sentence, hanging=0)
     for why, blanks in _untold(asked).items():
         show_wrapped(console, Text(f"{', '.join(blanks)}: "), _not_asked(why), hanging=2)
@@ -137,8 +137,8 @@ def _show_handed_out(
     )
 
 
-def _tells_apart(whole: float, same: Mapping[str, bool], passed: Mapping[str, float]) -> str:
-    """What is to be said of whole forms, and of answers that are everybody's; empty with one student alone."""
+def _whole_form_text(whole: float, same: Mapping[str, bool], passed: Mapping[str, float]) -> str:
+    """The sentence about whole forms, and about answers that are the same for everybody; empty with a single student."""
     if math.isnan(whole):
         return ""
     said = f"In {_percent(whole)} of all pairs, students could hand in each other's whole form and pass."
@@ -159,7 +159,7 @@ def _untold(asked: Sequence[tuple[Question, ...]]) -> dict[str, list[str]]:
     """The blanks that somebody isn't asked, by the reason."""
     reasons: dict[str, list[str]] = {}
     for column in zip(*asked, strict=True):
-        question = next((question for question in column if not question.is_asked), None)
+        question = next((question for question in column if not question.is_answerable), None)
         if question is not None:
             reasons.setdefault(question.why_not, []).append(question.blank.id)
     return reasons
@@ -177,7 +177,7 @@ def _percent(part: float) -> str:
 
 
 def _handout_data(exercise: Exercise, made: Sequence[Handout], folder: Path) -> dict[str, Any]:
-    from servobench.lab.assessment.questions import all_passed_by_others, pass_rates, same_for_all
+    from servobench.lab.assessment.questions import pass_rates, same_for_all, whole_form_pass_rate
 
     asked = [each.asked for each in made]
     passed, same = pass_rates(asked), same_for_all(asked)
@@ -192,14 +192,14 @@ def _handout_data(exercise: Exercise, made: Sequence[Handout], folder: Path) -> 
         "blanks": [
             {
                 "id": column[0].blank.id,
-                "asked_of": sum(question.is_asked for question in column),
+                "asked_of": sum(question.is_answerable for question in column),
                 "same_for_all": same[column[0].blank.id],
                 "passed_by_others": _finite(passed[column[0].blank.id]),
                 "why_not": next((question.why_not for question in column if question.why_not), None),
             }
             for column in zip(*asked, strict=True)
         ],
-        "forms_passed_by_others": _finite(all_passed_by_others(asked)),
+        "forms_passed_by_others": _finite(whole_form_pass_rate(asked)),
     }
 
 

@@ -1,7 +1,7 @@
-"""Records that nobody measured: what a linear model explains to the last digit that a computer keeps.
+"""Simulated records: those that a linear model explains to the computer's last digit.
 
-Who tries the program begins with a simulation of his own. What such a record leaves over is the arithmetic's rounding, in which
-there is neither friction nor a random torque to be found, and experience with real motors says nothing about it.
+New users often begin with a simulation of their own. The residual of such a record is the rounding of the arithmetic. It
+contains neither friction nor a random torque, and experience with real motors doesn't apply to it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which noise model the residuals of a fit ask for: the encoder's rounding, a random torque, or a colour of neither."""
+"""Which noise model fits the residuals: the encoder's rounding, a random torque, or neither of them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def allow_for_disturbance(fit: Fit) -> Fit:
     noise models, with a covariance that allows for what the other one makes of the same data.
     """
     if any(finding.code == delay_prior.CODE for finding in fit.findings):
-        return _where_that_tells_the_delay(fit)
+        return _torque_fit_if_delay_known(fit)
     counted = _where_rounding_repeats(fit)
     if counted is not None:
         return counted
@@ -75,7 +75,9 @@ def with_counts_as_bins(fit: Fit) -> Fit:
     if counts.supports(fit.model.structure, data) is not None:
         return fit
     counted = counts.fit(fit.model.structure, data, [fit.vector])
-    if any(finding.severity != "info" for finding in counted.findings) or not _says_more(counted, fit):
+    if any(finding.severity != "info" for finding in counted.findings) or not _is_more_informative(
+        counted, fit
+    ):
         return fit
     sentence = (
         "Where the shaft rests or turns back, the encoder rounds many samples the same way, which doesn't average "
@@ -97,18 +99,19 @@ def _rounding_lasts(fit: Fit) -> bool:
     return bool(np.any(np.diag(fit.covariance)[at] > _LASTS**2 * white[at]))
 
 
-def _says_more(counted: Fit, fit: Fit) -> bool:
-    """Whether one fit knows gain and time constant much better than another, and contradicts none of its parameters."""
+def _is_more_informative(counted: Fit, fit: Fit) -> bool:
+    """Whether one fit determines gain and time constant much better than another, and agrees with its parameters."""
     apart = np.abs(counted.model.theta - fit.model.theta)
     own = np.sqrt(np.diag(fit.covariance))
     smaller = np.prod([counted.sd(name) / fit.sd(name) for name in ("gain", "time_constant")])
     return bool(smaller < _WORTH and np.all(apart <= _AGREES * own))
 
 
-def _where_that_tells_the_delay(fit: Fit) -> Fit:
-    """The fit for a random torque where that explains the residuals and tells the delay, which output error had to expect.
+def _torque_fit_if_delay_known(fit: Fit) -> Fit:
+    """The fit with a random torque, if it explains the residuals and determines the delay.
 
-    Otherwise another search would slide along the valley in which the delay isn't told, and the fit stays.
+    Output error took the delay from its prior. Otherwise another search would slide along the valley of undetermined delays, so
+    the fit stays.
     """
     test = None if rounding_explains(fit) else disturbance_test(fit)
     if test is None or test.likelihood_ratio <= THRESHOLD:

@@ -1,9 +1,9 @@
-"""Do the records of a joint fit agree on its parameters? Each record is left out in turn, and what the others say is compared.
+"""Do the records of a joint fit agree on its parameters? Each record is left out in turn, and the results are compared.
 
-A joint fit takes one value for all records. Where the structure lacks something that shows in one record more than in another,
-its residuals object, but the value looks well known all the same: it is a mean that depends on which records happened to be
-there. Leaving each out in turn shows that (the jackknife, Tukey 1958): two selections share most of their records, so that 95 %
-intervals which don't meet lie further apart than chance puts them.
+A joint fit has one value for all records. If the structure lacks something that shows more in one record than in another, the
+residuals have a pattern, but the value still looks well known: it is a mean that depends on the choice of records. Leaving each
+record out in turn shows this (the jackknife, Tukey 1958). Two selections share most of their records, so if their 95 %
+intervals don't overlap, they differ by more than chance.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from servobench.core.rounding import rounded_interval
 from servobench.identification.estimators.base import Estimator, Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.motion import turns_both_ways
-from servobench.identification.trust.doubts.single_level import with_what_one_level_tells
+from servobench.identification.trust.doubts.single_level import widen_for_single_level
 from servobench.identification.trust.validation import explains_the_colour
 
 _MOST = 8  # fits, spread evenly over the records
@@ -38,11 +38,11 @@ class _Without:
     fit: Fit
 
 
-def with_what_records_tell(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
+def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
     """Return the fit, with a finding and wider intervals where its records disagree on parameters.
 
-    Nothing is fitted again where the residuals are white: records that differ leave a colour. Otherwise each record is left out
-    in turn (8 of them at the most), with `method` and `allow` as the whole was fitted. Where two of the intervals don't meet,
+    If the residuals are white nothing is fitted again, because records that differ leave a colour. Otherwise each record is
+    left out in turn (at most 8 of them), with `method` and `allow` as for the whole fit. If two of the intervals don't overlap,
     that of the whole is widened to hold them all, and the standard deviation is at least the jackknife's,
 
         s² = (n - 1)/n Σ (θ_i - θ̄)²,   θ_i without record i of n.
@@ -89,7 +89,7 @@ def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> lis
             continue
         start = np.concatenate([fit.model.theta, *(record.nuisance for record in rest)])
         try:
-            other = with_what_one_level_tells(allow(method.fit(fit.model.structure, data, (start,))))
+            other = widen_for_single_level(allow(method.fit(fit.model.structure, data, (start,))))
         except NotIdentifiable:
             continue
         # Under another model of the noise the same data say something else: that is no matter of the records.

@@ -1,4 +1,4 @@
-"""A speed that was differenced from counts is taken back to them, where a motor explains the counts."""
+"""A speed that is a difference of counts is converted back to counts, if a motor explains them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def with_counts_restored(
     A difference makes of an encoder's rounding, which is known to stay within a count, a noise that only a long record averages
     out. Summed back, nothing of what the counts say is lost. All speeds that are fitted together are summed, or none. The proof
     is a fit of a first-order motor: what it leaves of the sum, beside a random torque, has to be the rounding of those counts.
-    An `estimator` that was asked for by its name gets the speed that it was asked to work on.
+    An `estimator` given by name gets the speed as it is.
     """
     if estimator != "auto" or any(record.kind != "speed" for record in records):
         return tuple(records), []
@@ -56,7 +56,7 @@ def _restore(record: Dataset) -> Summation | None:
     for found in summations(record):
         fits: list[Fit] = []
         for plain in _plain_fits(found.data):
-            if is_rounding(plain) or (_ratio(plain) < _NOISY and _is_one_by_one(plain)):
+            if is_rounding(plain) or (_ratio(plain) < _NOISY and _has_independent_errors(plain)):
                 return found
             fits.append(plain)
         smooth = [plain for plain in fits if _roughness(plain) < _NOISY]
@@ -96,7 +96,7 @@ def _is_rounding_beside_torque(plain: Fit) -> bool:
     if fit.disturbance is None or not explains_the_colour(fit):
         return False
     low, high = _BESIDE_TORQUE
-    return low <= _ratio(fit) <= high or (low <= _ratio(fit) < _NOISY and _is_one_by_one(fit))
+    return low <= _ratio(fit) <= high or (low <= _ratio(fit) < _NOISY and _has_independent_errors(fit))
 
 
 def _ratio(fit: Fit) -> float:
@@ -104,8 +104,8 @@ def _ratio(fit: Fit) -> float:
     return fit.residual_sd * float(np.sqrt(12)) / (fit.records[0].data.quantum or float("nan"))
 
 
-def _is_one_by_one(fit: Fit) -> bool:
-    """Whether what is left of a position are errors of the readings, each of its own, by their second differences."""
+def _has_independent_errors(fit: Fit) -> bool:
+    """Whether the residuals of a position are independent reading errors, by their second differences."""
     bends = np.diff(fit.records[0].residual, 2)
     low, high = _ONE_BY_ONE
     return bool(low <= bends[1:] @ bends[:-1] / (bends @ bends) <= high)

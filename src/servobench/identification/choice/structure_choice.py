@@ -1,13 +1,13 @@
-"""The choice of a structure: a base that the motion calls for, then a rung of the ladder for each term that the data ask for.
+"""The choice of a structure: a base that suits the motion, then a rung of the ladder for each term that the data need.
 
-The score tests propose: they cost no fit, so that data which ask for nothing cost nothing. A proposed rung is fitted, and kept if
+Score tests propose rungs. They need no fit, so simple data cost nothing. A proposed rung is fitted, and kept if
 
 - the simulation explains more by Schwarz's criterion (1978), with as many samples as the colour of the residuals leaves,
-- the new term is known to half of itself, or else leaving it out would move gain or time constant by more than their own
-  standard deviation, which would claim to know more than the data tell,
+- the new term is known to half of its value, or leaving it out would move gain or time constant by more than their own standard
+deviation, so that their intervals would be too narrow,
 - gain and time constant are still known to half of themselves, and the search has settled.
 
-Then the tests look at what is left, until they ask for nothing, or for nothing that can be told.
+Then the tests examine the new residual, until they propose nothing, or nothing that the data determine.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from servobench.identification.choice.structure_ladder.comparison import (
     shifts_parameters,
 )
 from servobench.identification.choice.structure_ladder.sentences import rung_finding, stop_finding
-from servobench.identification.choice.structure_ladder.trial import Rung, try_rung, with_term_more
+from servobench.identification.choice.structure_ladder.trial import Rung, try_rung, with_added_term
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.models.base import STRUCTURES, Structure
@@ -42,7 +42,7 @@ from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
 
 _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the winding there is none
-# What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
+# Terms that hide the others if they are large come first; an arm may need both of the first two before either is determined.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
 # Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
@@ -142,7 +142,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     simple = _Base(fit=one_way, fits={one_way.structure: one_way})
     begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
     stands = any(stands_at_first(record) for record in data)
-    late = not is_usual(one_way)  # a delay may stand for friction that the input has to overcome
+    late = not is_usual(one_way)  # a delay may replace friction that the input has to overcome
     if not (begins or stands or late) and (explains_the_colour(one_way) or not _stands(data)):
         return simple
     try:
@@ -150,7 +150,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     except NotIdentifiable:
         return simple
     fits = {each.structure: each for each in (one_way, with_rest)}
-    # A shaft that rests when the record begins is held by something; without that, a delay or an offset stands for it.
+    # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead.
     drifts = not late or not is_usual(with_rest) or with_rest.residual_sd > _AS_GOOD * one_way.residual_sd
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
     if not with_rest.converged or not worth:
@@ -183,12 +183,12 @@ def _climb(
     if any(finding.code == _REST for finding in findings):
         return Choice(
             fit=fit, causes=causes, shown=shown, findings=findings
-        )  # nothing more can be told of its friction
+        )  # the data determine nothing more about its friction
     if _candidate_terms(shown, fit) and _is_damaged(causes, fit):
         return Choice(fit=fit, causes=causes, shown=shown, findings=findings)
     for _ in range(_RUNGS):
         terms = [
-            t for t in _candidate_terms(shown, fit) if t not in refused and with_term_more(fit.structure, t)
+            t for t in _candidate_terms(shown, fit) if t not in refused and with_added_term(fit.structure, t)
         ]
         asked = _significant_terms(shown)
         rungs = (try_rung(method, data, plain, fit, term, term in asked, allow) for term in terms)

@@ -1,1 +1,2 @@
-"""The experiment with the smallest interval under limits on voltage, current, speed, travel and time, and what it will tell."""
+"""The experiment with the smallest interval under limits on voltage, current, speed, travel and time, and the intervals to
+expect."""

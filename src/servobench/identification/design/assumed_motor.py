@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from servobench.identification.result import Result
 
 TOLERANCE = 0.2  # a data sheet's gain and time constant are held for no better than this
-_FRICTION = 0.02  # of the sheet's voltage: what Coulomb friction is taken for where nobody knows it
+_FRICTION = 0.02  # of the sheet's voltage: the assumed Coulomb friction if it isn't known
 _ENCODER = (
     "the encoder's {} counts a turn are the only noise: no random torque, no error of the clock; a design from a "
     "recording of the motor (`recording=...`) uses its noise"
@@ -39,7 +39,7 @@ class AssumedMotor:
     `coulomb_voltage` and `offset_voltage` [V]; `dead_band` [V] is the amplifier's; `delay` [s] is the lag of the winding where
     `winding` is true. `quantum` [rad] is a count of the encoder, `noise` the standard deviation of a sample [rad], at least
     quantum/√12, that of an error spread evenly over a count (Widrow and Kollár 2008); `disturbance` is a random torque, None
-    without one. `resistance` [Ω] and `motor_constant` [V·s/rad] are None where nothing tells them. `assumptions` are sentences.
+    without one. `resistance` [Ω] and `motor_constant` [V·s/rad] are None if they aren't known. `assumptions` are sentences.
     """
 
     name: str

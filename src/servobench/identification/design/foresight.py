@@ -1,13 +1,13 @@
-"""What an experiment will tell of a motor: the standard deviations, before anything has moved.
+"""The standard deviations to expect from an experiment, before it is run.
 
-The covariance is that of the estimator which will be used on the data, with every nuisance parameter (friction, offset, delay,
-start state) unknown. It is the mean over motors drawn from what is known of the motor, of these parts:
+The covariance is that of the estimator that will be used on the data, with every nuisance parameter (friction, offset, delay,
+start state) unknown. It is the mean of these parts over motors drawn from the present knowledge of the motor:
 
 - the noise: σ² (J'J)⁻¹, or what the encoder's real rounding of the drawn motor's positions makes of the parameters where that
   is more: rounding that repeats with the input doesn't average out, and that depends on the motor by chance.
   Where a random torque acts, (J'J)⁻¹ of the innovations of a Kalman filter;
-- what a first-order model can't know about reversals within its delay (`models.reversals`), and of a delay that is the lag of
-  a winding, as far as the residuals will leave it open.
+- what a first-order model can't know of a delay, which may be the lag of a winding (`models.lag`), as far as the residuals will
+  leave it open, and of friction that may be larger near rest (`uncertainty.friction_near_rest`).
 """
 
 from __future__ import annotations
@@ -22,10 +22,12 @@ from servobench.identification.design.assumed_motor import AssumedMotor
 from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.disturbance import whiten
 from servobench.identification.models.base import STRUCTURES, Structure
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.identification.models.lag import lag_errors
+from servobench.identification.uncertainty.friction_near_rest import BEFORE, excess_errors
 
 _BOTH_WAYS = 0.02  # of the samples, as for `structure="auto"`
 _SEED = 20_260
+_ANY_SHARE = 3**-0.5  # the root mean square of a share of the delay between none and all
 _MOVING = 0.1  # of the speed that friction takes: a start speed beside the kink at rest
 
 
@@ -93,8 +95,10 @@ def _parts(
     data, theta, shared = motor.dataset(t, u), motor.theta(structure, barely), len(structure.parameters)
     prediction = structure.predict(theta, data)
     errors = [structure.unmodelled(theta, data)]
-    if motor.winding and motor.delay > 0:
-        errors.append(_lag(motor, structure, theta, data)[:, None])
+    if motor.delay > 0:
+        share = 1.0 if motor.winding else _ANY_SHARE
+        errors.append(share * lag_errors(structure, theta, data, motor.delay).sum(axis=1, keepdims=True))
+    errors += [BEFORE * each[:, None] for each in excess_errors(structure, [theta], [data])]
     rounding = count_position(motor, prediction.y, random) - prediction.y
     columns = np.column_stack([prediction.jacobian, rounding, *errors])
     if motor.disturbance is None:
@@ -105,16 +109,7 @@ def _parts(
     bread = inverse(j.T @ j)
     shift = (bread @ (j.T @ e))[:shared]
     scatter = np.outer(shift[:, 0], shift[:, 0]) if motor.disturbance is None else np.zeros((shared, shared))
-    # As much of the errors as the residuals will leave (`estimators.known_errors`).
+    # As much of the errors as the residuals will leave (`estimators.structure_errors`).
     left = e[:, 1:] - j @ (bread @ (j.T @ e[:, 1:]))
     told = np.eye(left.shape[1]) + left.T @ left
     return bread[:shared, :shared], scatter, shift[:, 1:] @ np.linalg.solve(told, shift[:, 1:].T)
-
-
-def _lag(motor: AssumedMotor, structure: Structure, theta: Array, data: Dataset) -> Array:
-    """What the output has more where the delay d is the lag of a fast pole: d²/2 times its second derivative by d."""
-    step = np.zeros(len(theta))
-    at = [parameter.name for parameter in structure.parameters].index("delay")
-    step[at] = 0.1 * data.sample_time
-    later, now, earlier = (structure.predict(theta + change, data).y for change in (step, 0 * step, -step))
-    return np.asarray(0.5 * motor.delay**2 * (later - 2 * now + earlier) / step[at] ** 2)

@@ -1,4 +1,4 @@
-"""What an experiment must not do to the motor, the rig and the patience of who waits."""
+"""The limits of an experiment: for the motor, for the rig, and in time."""
 
 from __future__ import annotations
 

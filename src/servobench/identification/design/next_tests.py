@@ -1,8 +1,8 @@
-"""Which test of a mechanism to run next, so that kA = τ/K is known better: the information of a test is added to what is known.
+"""Which test of a mechanism to run next to know kA = τ/K better: each test adds its information to that of the data.
 
-With P the covariance that there is and P' that of a test alone, both know the motor to (P⁻¹ + P'⁻¹)⁻¹ where their errors
-are independent, and kA's variance follows to first order. P' has the noise of an encoder alone, so that it puts tests in an order
-and promises nothing. The design of experiments by the information they give is that of Goodwin and Payne (1977).
+With P the present covariance and P' that of a test alone, the covariance from both is (P⁻¹ + P'⁻¹)⁻¹ if their errors are
+independent, and kA's variance follows to first order. P' only contains the noise of an encoder, so it ranks the tests and
+doesn't predict their intervals. The design of experiments by the information they give is that of Goodwin and Payne (1977).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The verb design: from what is known of a motor, and limits, to the experiment that tells most.
+"""The verb design: from the knowledge of a motor, and limits, to the most informative experiment.
 
 The design of experiments by the information they give is that of Goodwin and Payne, Dynamic System Identification (1977).
 """
@@ -34,12 +34,12 @@ def design(
 ) -> Design:
     """Return the experiment with the smallest predicted interval that keeps the motor inside the limits.
 
-    What is known of the motor is a `Result`, or data to identify first, read as by `identify`; without either it is the data
-    sheet `nominal`, or `qube_servo_2`, within 20 %. `limits` are the largest voltage [V], current [A], speed [rad/s] and travel
-    [rad] either way, each a number or a text such as "4 rev"; the voltage has to be among them. `duration` [s] is that of the
-    experiment, `experiment_sample_time` [s] its sample time. `wish` is what the interval is to be small of: "gain",
-    "time_constant" or "both". The rest is as for `best_design`.
-    Raises `UsageError` for what can't be so, and what `identify` and `best_design` raise.
+    The motor is given as a `Result`, or as data to identify first, read as by `identify`; without either it
+    is the data sheet `nominal`, or `qube_servo_2`, within 20 %. `limits` are the largest voltage [V], current
+    [A], speed [rad/s] and travel [rad] in each direction, each a number or a text such as "4 rev"; the
+    voltage is required. `duration` [s] and `experiment_sample_time` [s] belong to the experiment. `wish`
+    selects the interval to minimise: "gain", "time_constant" or "both". The other arguments are those of
+    `best_design`. Raises `UsageError` for impossible arguments, and what `identify` and `best_design` raise.
 
     >>> found = design(limits={"voltage": 6, "travel": "4 rev"}, duration=2, experiment_sample_time="5 ms")
     >>> found.chosen.used["travel"] <= 1

@@ -1,4 +1,4 @@
-"""The verb design: the experiment that is to tell the most under limits, with what it will tell."""
+"""The verb design: the most informative experiment under limits, and the intervals to expect from it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""When to stop: a run goes on until gain or time constant is known as well as somebody wishes.
+"""When to stop: a run goes on until gain or time constant is known as well as requested.
 
 The recording so far is identified again and again, each time after it has grown by a fifth, and the run ends once the verdict is
-trusted and each 95 % interval named is narrow enough. Looking often and stopping at the first narrow interval favours intervals
-that are narrow by chance; with so few looks that costs less than can be seen in a hundred runs (docs/decisions/0015-design.md).
+trusted and each 95 % interval named is narrow enough. Stopping at the first narrow interval favours intervals that are narrow
+by chance; with so few looks the effect is too small to show in a hundred runs (docs/decisions/0015-design.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The kind `estimators`: from data and a structure to a model with its uncertainty.
 
-A member is an object that `ESTIMATORS.member(name)` is given. `hindrance` makes the refusal that its abilities call for, and
-`output_error.simulate_record` a `FittedRecord` for parameters that were found some other way.
+A member is an object passed to `ESTIMATORS.member(name)`. `hindrance` returns the refusal if an ability is missing, and
+`output_error.simulate_record` a `FittedRecord` for parameters from another source.
 """
 
 from __future__ import annotations

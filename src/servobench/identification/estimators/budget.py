@@ -1,7 +1,7 @@
 """The budget of uncertainty: where the width of an interval comes from, line by line (JCGM 100:2008, section 8 of its budget).
 
-What an estimator says of its parameters is the first line. Whatever makes intervals wider after the fit adds a line, and only
-here a covariance grows: so that the sum over all lines is what is stated, and a person sees what it is made of.
+The estimator's own covariance is the first line. Everything that widens the intervals after the fit adds a line, and a
+covariance grows only here. So the stated covariance is the sum of the lines, and the user sees its parts.
 """
 
 from __future__ import annotations

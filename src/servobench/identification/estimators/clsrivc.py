@@ -1,4 +1,5 @@
-"""Refined instrumental variables in a closed loop: the instruments come from the reference, which knows nothing of the noise."""
+"""Refined instrumental variables in a closed loop: the instruments come from the reference, which is independent of the
+noise."""
 
 from __future__ import annotations
 

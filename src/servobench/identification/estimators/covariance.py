@@ -1,4 +1,4 @@
-"""Covariances of least-squares estimates: the plain one, and one that stays right where residuals are coloured."""
+"""Covariances of least-squares estimates: the plain one, and one that stays right if the residuals are coloured."""
 
 from __future__ import annotations
 

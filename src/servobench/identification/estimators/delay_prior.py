@@ -1,16 +1,16 @@
-"""What is expected of a delay before the data speak, and what to do where they don't: a delay swallows nothing.
+"""The prior of a delay, and its use where the data don't determine the delay.
 
-On a ramp from rest the output is that of K (u - rate · d - u_c): delay d and Coulomb voltage u_c can't be told apart, and a
-search ends anywhere along their valley. A delay is a thing of the loop, not of the motor. A controller that computes for a whole
+On a ramp from rest the output is that of K (u - rate · d - u_c): delay d and Coulomb voltage u_c can't be separated, and a
+search ends anywhere along their valley. A delay belongs to the loop, not to the motor. A controller that computes for a whole
 tick acts a sample later (Åström and Wittenmark 1997, chapter 9), a bus or a servo's own loop takes about 10 ms more (the servo
 of fra233 and the Lego motors among the real recordings: 3 to 16 ms). So the prior is
 
     d ~ Cauchy(one sample time, scale s),   s = max(2 sample times, 10 ms)
 
-whose tails are so heavy that data which know the delay hardly notice it: a delay of 20 scales costs 12 in twice the
-log-likelihood, about as much as Schwarz's criterion asks of two parameters. Where the data know the delay to a quarter of s,
-nothing is done. Elsewhere the delay with the largest posterior is taken, twice the log-likelihood being n/κ ln(sum of squares),
-with κ for the colour of the residuals, and s is what isn't known of it: a normal prior with that standard deviation in the
+whose tails are so heavy that it hardly affects a delay that the data determine: a delay of 20 scales costs 12 in twice the
+log-likelihood, about as much as Schwarz's criterion asks of two parameters. If the data determine the delay to a quarter of s,
+nothing is done. Otherwise the delay is the one with the largest posterior, where twice the log-likelihood is n/κ ln(sum of
+squares), with κ for the colour of the residuals, and its uncertainty is s: a normal prior with that standard deviation in the
 covariance (docs/decisions/0041-delay-expected.md).
 """
 

@@ -1,12 +1,12 @@
-"""A random torque on the shaft beside the noise of the measurement: its likelihood, and what it does to a structure.
+"""A random torque on the shaft in addition to measurement noise: its likelihood, and its effect on a structure.
 
 The output is what the model simulates, plus what a white torque adds (a speed that decays with τ, and its integral), plus white
 measurement noise of variance r. With q the intensity of the acceleration [1/s³ of the output's unit squared], only the
 ratio q/r shapes the filter; r follows from the size of the innovations.
 
-An encoder's rounding isn't white: at a constant speed it has next to no power at the low frequencies that carry the
-parameters, or now and then a line there. So neighbouring samples are averaged over a time that is short beside τ and beside the
-memory of the filter, and r is what is left of the noise in those means, not Q²/12.
+An encoder's rounding isn't white: at a constant speed it has almost no power at the low frequencies that carry the parameters,
+or sometimes a line there. So neighbouring samples are averaged over a time that is short compared with τ and with the memory of
+the filter, and r is the noise of these means, not Q²/12.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def blocks_of(data: Dataset, moving: Array, longest: float, rest: float | None =
 
     `moving` (M,) is above 0 where the shaft slides.
 
-    A shaft at rest shows an encoder the same count all the time: that tells where it is once, with the whole rounding error,
+    A shaft at rest gives the same count all the time: this determines its position once, with the whole rounding error,
     however long the rest. So with `rest`, the variance of that error beside r, a rest is one block, and weighs as such.
     """
     t = data.t_output
@@ -140,7 +140,7 @@ class Linearisation:
         return np.asarray(np.log(self.sample_time / memories ** _POWER[self.kind]), dtype=np.float64)
 
     def under(self, tau: float, ratio: float) -> Trial:
-        """Return what noise of a given τ and q/r makes of the parameters, and how likely it is."""
+        """Return the parameters for noise with the given τ and q/r, and its likelihood."""
         size = len(self.free)
         h, g, logarithms, filtered = np.zeros((size, size)), np.zeros(size), 0.0, []
         for blocks, columns, place in zip(self.blocks, self.columns, self.places, strict=True):

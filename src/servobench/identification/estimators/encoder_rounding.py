@@ -1,14 +1,14 @@
-"""What an encoder's rounding does to the parameters, where the model says when the shaft was where.
+"""The effect of an encoder's rounding on the parameters, given the model's path of the shaft.
 
-Rounding isn't white. A shaft at rest is rounded the same way in all samples of the rest, which so tell its position once and
-not a hundred times; where it turns round or goes at a speed in step with the samples, it is nearly so. But given the path x_k of
-the shaft, only its place among the counts is unknown, and that is as good as random. The error of rounding to steps Q is
-a sawtooth of that place, a sum of sines of m = 1, 2, ... periods in a step, each with the variance Q²/(2π²m²), so that
+Rounding isn't white. At rest, all samples of the shaft are rounded in the same way, so they give its position once and not a
+hundred times; near a reversal, or at a speed in step with the samples, it is almost the same. But given the path x_k of the
+shaft, only its place among the counts is unknown, and that is practically random. The error of rounding to steps Q is a
+sawtooth of that place, a sum of sines of m = 1, 2, ... periods in a step, each with the variance Q²/(2π²m²), so that
 
     E[e_k e_l] = Σ Q²/(2π²m²) cos(2πm (x_k - x_l)/Q),   and Q²/12 for k = l
 
-Noise of standard deviation s before the rounding takes e^(-(2πms/Q)²) of each to where neighbouring samples share it, and makes
-white noise of what is missing (Widrow, Kollár and Liu 1996).
+Noise of standard deviation s before the rounding leaves the part e^(-(2πms/Q)²) of each sine correlated between samples, and
+turns the rest into white noise (Widrow, Kollár and Liu 1996).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The sign of a gain: that of the motion by the input, unless the data clearly say otherwise.
+"""The sign of a gain: that of the motion relative to the input, unless the data clearly contradict it.
 
-Friction and inertia take power from whatever drives a motor, so that a voltage and the speed that it makes have the same sign
-most of the time, or opposite ones where the wires are crossed. Where one level alone moved the motor, a gain of the other sign
-with a friction voltage above that level makes the same motion, K (u - u_c), and a search may end at it.
+Friction and inertia take power from the drive, so voltage and speed have the same sign most of the time, or opposite signs if
+the wires are crossed. If only one level moved the motor, a gain of the other sign with a friction voltage above that level
+gives the same motion, K (u - u_c), and a search may end there.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Interval likelihood: a count says in which bin the position was, and nothing about where in the bin.
+"""Interval likelihood: a count gives the bin of the position, and nothing about the place within the bin.
 
 With Gaussian noise of standard deviation s before the encoder rounds, a sample in the bin lo ≤ θ + noise < hi has the probability
 
     P = Φ((hi - θ)/s) - Φ((lo - θ)/s)
 
-and Σ ln P is maximised over the parameters and s. Where s is small, a sample near an edge of its bin says where the shaft was to
-within s, and one in the middle of it next to nothing: the information of a sample is 1.81/(s Q) on the average, against 12/Q² of
-the rounding taken for noise. From s = 0.3 Q on the two are the same.
+and Σ ln P is maximised over the parameters and s. If s is small, a sample near an edge of its bin gives the position to within
+s, and one in the middle almost nothing: the information of a sample is 1.81/(s Q) on average, against 12/Q² with rounding
+treated as noise. From s = 0.3 Q on the two are the same.
 
 Given the path of the shaft, the scores ∂ ln P/∂θ of the samples are independent, however regular the rounding itself is. So the
 inverse of the information is the covariance, at any s.

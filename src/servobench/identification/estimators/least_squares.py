@@ -1,4 +1,4 @@
-"""Non-linear least squares over several records: Levenberg-Marquardt with exact Jacobians, bounds and held parameters."""
+"""Nonlinear least squares over several records: Levenberg-Marquardt with exact Jacobians, bounds and fixed parameters."""
 
 from __future__ import annotations
 
@@ -328,7 +328,7 @@ def _damped_step(h: Array, g: Array, damping: float) -> Array:
     scaled.flat[:: len(g) + 1] += damping
     try:
         step = np.linalg.solve(scaled, scale * g)
-    except np.linalg.LinAlgError:  # parameters that the data can't tell apart: the shortest of all steps
+    except np.linalg.LinAlgError:  # parameters that the data can't separate: the shortest of all steps
         step = np.linalg.lstsq(scaled, scale * g, rcond=None)[0]
     return np.asarray(scale * step, dtype=np.float64)
 

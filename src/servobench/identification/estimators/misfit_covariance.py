@@ -1,11 +1,11 @@
-"""What output error's parameters are worth where no noise model is right: the same data, weighed a second way.
+"""The covariance of output error if no noise model is right: the same data with a second weighting.
 
-Friction that depends on speed or place, a play, a shaft that gives: what they leave over is neither white noise nor the work of
-a white torque, and it lasts as long as the features of the record. The residuals of one fit can't tell how large it is, as
-output error lets the model follow just those slow errors that would. Two ways of weighing tell more: output error looks
-at the slow wander of the position above all, prediction error at the accelerations. If the model were right, both would
-find the same motor; by how much they differ is what the model's error does to the parameters. (Hausman 1978 takes such a
-difference for a test of the model; here it widens the intervals, docs/decisions/0006-intervals.md.)
+Friction that depends on speed or angle, play and elastic shafts leave a residual that is neither white noise nor the effect of
+a white torque, and it lasts as long as the features of the record. The residuals of one fit don't show its size, because output
+error lets the model follow just these slow errors. Two weightings show more: output error mainly fits the slow motion of the
+position, prediction error the accelerations. If the model were right, both would find the same motor; their difference is the
+effect of the model's error on the parameters. (Hausman 1978 uses such a difference as a test of the model; here it widens the
+intervals, docs/decisions/0006-intervals.md.)
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""Intervals of parameters near a bound, by profile likelihood: there, value ± 1.96 sd would reach beyond what is possible.
+"""Intervals of parameters near a bound, by profile likelihood: there, value ± 1.96 sd would include impossible values.
 
-The profile of a parameter is the lowest cost that the others can reach while it is held. Its 95 % interval is where
+The profile of a parameter is the lowest cost that the others can reach while it is fixed. Its 95 % interval is where
 
     (cost held - cost) / s² ≤ 1.96² κ,   κ = sd² / (s² [H⁻¹]ᵢᵢ)
 
-or the bound, where that comes first. κ carries over what the standard deviation allows for beside white noise, so that the
-interval is value ± 1.96 sd where the cost is a parabola (Venzon and Moolgavkar 1988). A delay that is known by a prior alone
-costs (d - d₀)²/s² more in units of s², in H as in the cost: else the others would lean on any delay.
+or the bound, if that comes first. κ includes what the standard deviation allows for in addition to white noise, so that the
+interval is value ± 1.96 sd if the cost is a parabola (Venzon and Moolgavkar 1988). A delay that is only known by a prior costs
+(d - d₀)²/s² more in units of s², in H as in the cost; otherwise the other parameters could use any delay.
 
-A search for the lowest cost may end in another valley, above it. It begins from several places, and no interval ends where the
+A search for the lowest cost may end in another, higher valley. So it begins at several points, and no interval ends where the
 cost hasn't risen.
 """
 

@@ -1,9 +1,9 @@
-"""Other minima that the data allow nearly as well: as a line of the budget.
+"""Other minima that fit the data almost as well, as a line of the budget.
 
-A motor that was running before its record began, and follows a ramp, shows time constant and friction by their sum a τ + u_c
-only: a small τ with a little friction, or a large one without, with the first samples for the rest. Each is a minimum of its
-own, and the curvature at the lower one knows nothing of the other. With normal residuals, minima whose sums of squares over n
-samples are S₀ and S have the odds
+If a motor was running before its record began and follows a ramp, the data only determine the sum a τ + u_c of time constant
+and friction: a small τ with a little friction, or a large one without, and the first samples absorb the rest. Each is a minimum
+of its own, and the curvature at the lower one doesn't include the other. With normal residuals, minima whose sums of squares
+over n samples are S₀ and S have the odds
 
     w = (S₀ / S)^(n/2)
 

@@ -1,4 +1,4 @@
-"""Output error: the model is simulated from the input alone, and what is left of the output is least squares."""
+"""Output error: the model is simulated from the input alone, and the sum of the squared residuals is minimised."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def simulations(
 ) -> tuple[FittedRecord, ...]:
     """Return each record simulated with its part of theta (P + ΣQ,); without a noise model its innovations are its residuals.
 
-    `predictions` are those of the records with that vector, where somebody has made them already.
+    `predictions` are those of the records with that vector, if they exist already.
     """
     places = Layout(structure, tuple(data)).columns()
     shared = len(structure.parameters)
@@ -175,7 +175,7 @@ def uncertainty(
 ) -> tuple[float, Array]:
     """Return the variance of the residuals and the covariance (P, P) of the shared parameters at a minimum.
 
-    With a `prior` the delay is known to its scale beside what the data tell. Raises `NotIdentifiable` where there are no more
+    With a `prior` the delay is also known to its scale. Raises `NotIdentifiable` where there are no more
     samples than unknowns.
     """
     layout = Layout(structure, tuple(data))

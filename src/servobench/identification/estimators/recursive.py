@@ -33,7 +33,7 @@ from servobench.recordings.measurement.dataset import Dataset
 _KEPT = 20_000  # samples that may still be gone through again
 _FIRST = 200  # samples, before a first look
 _LATER = 0.3  # of the samples so far: so many more before the reference is looked at again
-_SETTLES = 2.0  # time constants, after which a start state can be told
+_SETTLES = 2.0  # time constants, after which a start state is determined
 _AT_ONCE = 1000  # samples of a record
 _PLACES = {
     "gain": 0,
@@ -99,7 +99,7 @@ class Recursive:
         residual = np.empty(0) if self._motion is None else self._follow(self._motion, samples)
         self.behind = self._samples_to_wait()
         if self.samples >= self._next:
-            self.look_again()
+            self.move_reference()
         return residual
 
     def _samples_to_wait(self) -> int:
@@ -123,8 +123,8 @@ class Recursive:
             self._motion.start_again()
         self._kept, self._waiting = None, []
 
-    def look_again(self) -> None:
-        """Move the reference to the estimate, going through the run again where it is still kept."""
+    def move_reference(self) -> None:
+        """Move the reference to the estimate, and process the run again if it is still in memory."""
         if self._kept is not None:
             self._go_through(reduce(Samples.then, self._kept, NOTHING))
         elif self._motion is not None and self._waiting is None:
@@ -144,7 +144,7 @@ class Recursive:
             self._motion, self._off, self._found = found, np.zeros(COLUMNS), None
         self._kept = [samples]
         if len(samples.t) > _KEPT:
-            # What a motor that hasn't told anything yet did long ago is no loss.
+            # The old samples of a motor that hasn't moved contain no information.
             self._kept = None if self._motion else [samples.since(_KEPT // 2)]
 
     def _move_on(self, motion: Motion) -> None:
@@ -360,5 +360,5 @@ def _follow_records(
                 )
             )
             first, last = until, end
-    live.look_again()
+    live.move_reference()
     return live

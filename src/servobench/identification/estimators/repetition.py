@@ -1,10 +1,10 @@
 """Errors that repeat with the input: folding a record on the input's period.
 
-Where a motor goes to and fro in the same way again and again, it comes back to the same counts, and an encoder's rounding
-repeats. It then averages out within a period but not over the periods, as the usual covariance takes for granted. Summed over
-the periods first, the scores show it. Rows that are missing, or times that scatter a little, don't change that: each sample has
-its place on an even grid of times, and is compared with the sample a period before it, where there is one. (Scores that are
-summed over what goes together: Liang and Zeger 1986; when that is done: docs/decisions/0006-intervals.md.)
+If a motor repeats the same motion, it comes back to the same counts, and the encoder's rounding repeats too. It then averages
+out within a period but not over the periods, as the usual covariance assumes. Scores that are first summed over the periods
+show this. Missing rows, or slightly scattered times, don't matter: each sample has its place on an even grid of times, and is
+compared with the sample a period earlier, if there is one. (Clustered scores: Liang and Zeger 1986; when they are used:
+docs/decisions/0006-intervals.md.)
 """
 
 from __future__ import annotations

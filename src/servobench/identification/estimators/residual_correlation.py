@@ -1,4 +1,4 @@
-"""Whether what a fit leaves over follows the input: a part of the motor's response that its model lacks."""
+"""Whether a fit's residual follows the input: then the model lacks a part of the motor's response."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What size a parameter may have at all: for a prior so weak that it counts only where the data tell nothing.
+"""The possible size of each parameter, for a prior so weak that it only counts if the data say nothing.
 
-Where two parameters are told together only, such as gain and friction under one level, a covariance without a prior has entries
-that are millions of times what is possible, and rounding error in what is known of the two together. With a normal prior of
-variance P it is (J'J/s² + P⁻¹)⁻¹ (Lindley and Smith 1972).
+If the data only determine two parameters together, such as gain and friction at one level, a covariance without a prior has
+entries millions of times too large, and rounding errors spoil the combination that is known. With a normal prior of variance P
+it is (J'J/s² + P⁻¹)⁻¹ (Lindley and Smith 1972).
 """
 
 from __future__ import annotations

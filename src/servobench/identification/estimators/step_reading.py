@@ -1,8 +1,8 @@
-"""Readings of steps as estimators: as they stand, and with what the measurement chain does to them taken out.
+"""Readings of steps as estimators: plain, and corrected for the measurement chain.
 
-What stands between shaft and data is in a reading: a filter's lag is read as the motor's own. `StepReading` leaves it there.
-`CorrectedReading` looks for the motor whose simulated response, to the same input, through the same chain, at the same samples,
-reads like the data (indirect inference: Gouriéroux, Monfort and Renault 1993). No formula for any one filter is needed.
+A reading includes the chain between shaft and data: a filter's lag is read as the motor's own. `StepReading` doesn't correct
+it. `CorrectedReading` finds the motor whose simulated response, to the same input, through the same chain, at the same samples,
+has the same reading as the data (indirect inference: Gouriéroux, Monfort and Renault 1993). It needs no formula for any filter.
 """
 
 from __future__ import annotations

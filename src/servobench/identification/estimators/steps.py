@@ -1,8 +1,8 @@
-"""Steps of the input, found and read as textbooks do: steady values give gain and offset, a rule gives the time constant.
+"""Steps of the input, read as in textbooks: steady values give gain and offset, a rule gives the time constant.
 
 K = Δω/Δu,   u₀ = u - ω/K,   τ by a `Rule` from the part of Δω that is covered at each time after the step
 
-The first two follow from ω = K (u - u₀), which holds once nothing changes; each rule says where it is from.
+The first two follow from ω = K (u - u₀), which holds in steady state; each rule gives its own source.
 """
 
 from __future__ import annotations

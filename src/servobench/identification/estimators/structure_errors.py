@@ -1,12 +1,12 @@
-"""What errors that a structure knows of, but can't resolve, add to the covariance: as much as the residuals leave of them.
+"""Known but unresolved errors of a structure: what they add to the covariance, given the residuals.
 
 A prediction may be wrong by E a, with E the columns of `Structure.unmodelled` and a of unit variance (M, E). They move the
-parameters by B a, B = H⁻¹ J'E, and leave E⊥ a in the residuals, E⊥ = E - J B. So the residuals tell about them (Bayes' rule for
-a normal a, Bishop 2006, equations 3.53 and 3.54; each sample has a weight w and a score s):
+parameters by B a, B = H⁻¹ J'E, and leave E⊥ a in the residuals, E⊥ = E - J B. So the residuals contain information about them
+(Bayes' rule for a normal a, Bishop 2006, equations 3.53 and 3.54; each sample has a weight w and a score s):
 
     V = (I + E⊥' w E⊥)⁻¹,   m = V E⊥' s,   covariance added: B (V + m m') B'
 
-Where the data speak of a pure delay, m and V are small, and so is what is added; where they speak of a lag, m is not.
+If the data speak against such errors, m and V are small, and little is added; if they speak for them, m is large.
 """
 
 from __future__ import annotations

@@ -1,15 +1,17 @@
-"""A random torque that nobody sees: what may act on a motor although the data don't show it, as a line of the budget.
+"""A random torque that may act on a motor although the data don't show it, as a line of the budget.
 
-An encoder averages its rounding so well that an interval may be far smaller than a count, and smaller than what a torque does
-that puts no count out of its place: above all the offset voltage, which a random torque is in the mean. That no test finds a
-torque doesn't say that there is none. So each level of it has a probability: before the data, one half for none and one half
-spread evenly over the logarithm of the levels at which motors are seen to wander; after them, times the likelihood L. By the
-mixture of the levels the covariance has more
+Rounding averages out so well that an interval may be far smaller than a count, and smaller than the effect of a torque that
+changes no count. This matters most for the offset voltage, which the mean of a random torque looks like. If no test finds a
+torque, there may still be one. So each level has a probability: before the data, one half for none and one half spread evenly
+over the logarithm of the levels at which motors wander; after the data, this times the likelihood L. The mixture of the levels
+adds to the covariance
 
     Σ w (C - C₀) + Σ w δ δ',   w ∝ prior · L
 
-C being the covariance under a level and C₀ under none, δ the change of the estimates (model averaging: Hoeting, Madigan,
-Raftery and Volinsky 1999).
+where C is the covariance at a level and C₀ without a torque, δ the change of the estimates (model averaging: Hoeting, Madigan,
+Raftery and Volinsky 1999). Such a mixture isn't normal: where a torque acts with a chance of one in ten only, an error of
+four of its standard deviations happens once in a hundred recordings. So each parameter has the standard deviation of a normal
+distribution that reaches as far as the mixture once in a hundred, where that is more.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ from servobench.identification.estimators.sizes import WEAK, sizes
 SOURCE: Final = "random torque not seen"
 # By what part of the largest speed that its input can ask of it a motor wanders: below, nothing shows; above, it is seen.
 _LEVELS = np.geomspace(1e-4, 3e-2, 9)
+_SELDOM, _NORMAL = 0.01, 2.5758  # a chance, and how many standard deviations off a normal number is with it
+_POINT = 1e-12  # of the whole variance
 
 
 def with_unseen_torque(fit: Fit) -> Fit:
@@ -61,11 +65,31 @@ def _extra_covariance(fit: Fit) -> Array:
     ratios = q / none.variance
     trials = [none, *(near.under(tau, float(ratio)) for ratio in ratios)]
     weights = _weights(trials)
-    out = np.zeros((shared, shared))
-    for weight, trial in zip(weights, trials, strict=True):
-        apart = (trial.change - none.change)[:shared]
-        out += weight * ((trial.covariance - none.covariance)[:shared, :shared] + np.outer(apart, apart))
-    return out
+    apart = np.array([(trial.change - none.change)[:shared] for trial in trials])
+    each = np.array([trial.covariance[:shared, :shared] for trial in trials])
+    mixed = np.einsum("k,kij->ij", weights, each) + (apart.T * weights) @ apart
+    variances = np.diagonal(each, axis1=1, axis2=2)
+    times = [tail_factor(weights, apart[:, n], variances[:, n], float(mixed[n, n])) for n in range(shared)]
+    return np.asarray(np.outer(times, times) * mixed - each[0], dtype=np.float64)
+
+
+def tail_factor(weights: Array, means: Array, variances: Array, variance: float) -> float:
+    """Return by how much wider a normal distribution has to be to reach as far as a mixture of others (K,) once in a hundred.
+
+    `variance` is the mean square of the whole mixture about zero; the factor is at least 1.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import ndtr
+
+    if not variance > 0:
+        return 1.0
+    # In standard deviations of the whole; a parameter that one level holds at its place is a point there.
+    middle, sd = means / np.sqrt(variance), np.sqrt(np.maximum(variances / variance, _POINT))
+
+    def beyond(far: float) -> float:
+        return float(weights @ (ndtr((middle - far) / sd) + ndtr((-middle - far) / sd))) - _SELDOM
+
+    return max(float(brentq(beyond, 0.0, 1.0 / np.sqrt(_SELDOM), rtol=1e-3)) / _NORMAL, 1.0)
 
 
 def _weights(trials: list[Trial]) -> Array:

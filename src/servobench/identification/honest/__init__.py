@@ -1,1 +1,1 @@
-"""Do intervals cover between runs? Repeated experiments on one motor, and what makes them differ."""
+"""Do intervals cover between runs? Repeated experiments on one motor, and the causes of their differences."""

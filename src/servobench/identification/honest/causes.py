@@ -1,4 +1,4 @@
-"""Why runs differ: which parameters move together, and with what.
+"""Why runs differ: which parameters change together, and with what.
 
 A first-order motor has K = k/(R b + k²), τ = R J/(R b + k²), and Coulomb friction T_c takes u_c = T_c R/k volts. By algebra each
 cause moves (ln K, ln τ, ln u_c) in a direction of its own, to first order, for small friction b:
@@ -8,8 +8,8 @@ cause moves (ln K, ln τ, ln u_c) in a direction of its own, to first order, for
     viscous friction                         (-1, -1, 0)      scale of the encoder       (1, 0, -0)
     supply or gain of the amplifier          (1, 0, -1)
 
-The share of a direction v in the scatter S between runs, what is stated for each run taken off, is v' S v / tr S for |v| = 1, in
-axes that are scaled so that one which is known less well than a tenth of the scatter counts less.
+S is the scatter between runs less the covariance stated for each run. The share of a direction v in it is v' S v / tr S for |v|
+= 1. The axes are scaled so that a parameter counts less if its uncertainty exceeds a tenth of the scatter.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from servobench.identification.estimators.base import Fit
 
 _AXES = ("gain", "time_constant", "coulomb_voltage")
 _EXPLAINED = 0.9  # of the scatter; below that no single cause is named
-_AS_GOOD = 0.02  # shares that are nearer can't be told apart
+_AS_GOOD = 0.02  # shares closer than this can't be separated
 _STILL = 0.05  # the probability of so little scatter by chance
 _DIM = 0.1  # of the scatter's variance: noise of an axis that is as large halves what the axis counts
 _KNOWN = 5.0  # standard deviations that a parameter has to be away from zero, for its logarithm

@@ -1,4 +1,4 @@
-"""The verb honest: several runs of one motor, held against each other."""
+"""The verb honest: a comparison of several runs of one motor."""
 
 from __future__ import annotations
 
@@ -103,15 +103,16 @@ def honest(
     starts_at_rest: bool = False,
     **options: Unpack[ReadingOptions],
 ) -> Honesty:
-    """Return whether the 95 % intervals of runs of one motor cover between runs, widened where they don't, and why.
+    """Return whether the 95 % intervals of repeated runs of one motor agree with each other; if not, widened
+    intervals and the cause.
 
-    `data` are the runs, read as by `identify`: a list of paths, DataFrames, recordings or datasets, or lists of arrays. Each is a
-    run of its own, in the order in which they were made; all get the same structure, with "auto" the one that
-    most of them need. `beside` are values that went with the runs, such as a temperature, to see whether the motor follows them;
-    the number of the run, the size of the input and the angle at the start are looked at always.
-    Tests of one procedure that stand in one file, such as a ramp and a step each way, are no runs of one experiment.
-    Raises `NotIdentifiable` where less than two runs support a model, `UsageError` for a single run, for values beside that
-    don't match the runs, and for tests of one procedure.
+    `data` are the runs, read as by `identify`: a list of paths, DataFrames, recordings or datasets, or lists
+    of arrays. Each one is a run, in chronological order. All get the same structure; "auto" is the one that
+    most of them need. `beside` are values recorded with the runs, such as a temperature, to test whether the
+    motor depends on them; the number of the run, the size of the input and the angle at the start are always
+    tested. The tests of one procedure in one file, such as a ramp and a step each way, aren't repeated runs
+    of one experiment. Raises `NotIdentifiable` if fewer than two runs support a model, `UsageError` for a
+    single run, for values in `beside` that don't match the runs, and for the tests of one procedure.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

@@ -1,4 +1,4 @@
-"""How estimates of one parameter scatter between runs, beside what each run says of itself."""
+"""The scatter of one parameter between runs, compared with the standard deviations of the runs."""
 
 from __future__ import annotations
 

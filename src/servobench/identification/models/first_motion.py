@@ -1,4 +1,4 @@
-"""What the first motion of a record says: the longest that a delay can be, and that the shaft rests until then."""
+"""What the first motion of a record shows: the longest possible delay, and that the shaft rests until then."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def latest_delay(data: Sequence[Dataset]) -> float:
 def rests_at_first(data: Dataset) -> bool:
     """Return whether the shaft rests when a record begins, while its input does more than one thing.
 
-    Under one level from the first sample on, a shaft that sets off stands for a few samples, too: see `stands_at_first`.
+    With one level from the first sample on, a shaft that starts also rests for a few samples: see `stands_at_first`.
     """
     stood = _standstill_time(data)
     changes = data.t_input[1:][data.u[1:] != data.u[0]]

@@ -1,11 +1,11 @@
-"""The first-order motor with an integrator: gain, time constant and delay, and the voltage that is lost on the way.
+"""The first-order motor with an integrator: gain, time constant, delay and the lost voltage.
 
     τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn(ω)),   dθ/dt = ω
 
 They follow from J dω/dt = k i - b ω - T_c sgn(ω) and R i = u(t - d) - u₀ - k ω: K = k/(R b + k²),
-τ = R J/(R b + k²), u_c = R T_c/k. Four members share these equations. They differ in which of the two lost voltages they have:
-the offset u₀, which doesn't care which way the motor turns, and the Coulomb voltage u_c, which always brakes. Turning one way
-only, nobody can tell the two apart: one voltage stands for their sum, and holds the shaft where it rests in between.
+τ = R J/(R b + k²), u_c = R T_c/k. Four members share these equations. They differ in the lost voltages that they have: the
+offset u₀, which doesn't depend on the direction, and the Coulomb voltage u_c, which always brakes. If the motor only turns one
+way, the two can't be separated: one voltage stands for their sum, and holds the shaft during rests.
 """
 
 from __future__ import annotations
@@ -36,12 +36,11 @@ from servobench.identification.models.records import (
     start_parameters,
     through_chain,
 )
-from servobench.identification.models.reversals import Switching, switching_errors
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
 
-# Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d).
+# The place of each parameter in the kernel's vector (K, τ, u₀, u_c, d).
 _COLUMN = {"gain": 0, "time_constant": 1, "offset_voltage": 2, "coulomb_voltage": 3, "delay": 4}
 
 
@@ -87,9 +86,9 @@ class FirstOrder:
 
         Nor can it come later than it does: the first motion bounds the delay from above (`models.first_motion`).
         Two channels that are latched one after the other may be out of step by that much, of the one that is sampled more
-        often; anything more would be a wrong model, as slow data can't tell a negative delay from a longer time constant.
-        In a closed loop it is half of one: earlier, the input that answers to a sample would be what causes it.
-        A time constant below a hundredth of a sample time can't be told from none.
+        often; anything more would be a wrong model, because slow data can't separate a negative delay from a longer time
+        constant. In a closed loop it is half of one: earlier, the input that answers to a sample would be what causes it. A
+        time constant below a hundredth of a sample time can't be distinguished from zero.
         """
         step = max(record.sample_time for record in data)
         latch = max(min(record.sample_time, record.input_step) for record in data)
@@ -147,7 +146,7 @@ class FirstOrder:
         return (np.concatenate([theta, own]),)
 
     def _still(self, theta: Array, data: Sequence[Dataset]) -> NDArray[np.int64]:
-        """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
+        """The places of the start speeds of the records in which a shaft at rest would stay at rest at first."""
         places, at = [], len(self.parameters)
         for record in data:
             own = self.nuisance(record)
@@ -236,19 +235,25 @@ class FirstOrder:
         return np.asarray(self._motion(theta, data, "speed", data.t_output, data.u) != 0, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
-        """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
-        if not self.friction:
-            return np.empty((len(data.y), 0))
-        return switching_errors(self._switching(theta, data), data)
+        """Return nothing, (M, 0): what a lag in place of the delay does is a line of the budget (`uncertainty.one_lag`)."""
+        return np.empty((len(data.y), 0))
 
-    def _switching(self, theta: Array, data: Dataset) -> Switching:
-        """What reversals need to know."""
-        gain, tau, offset, coulomb, delay = (float(value) for value in self.vector(theta, data)[:5])
+    def by_excess_friction(self, theta: Array, data: Dataset, width: float) -> Array:
+        """Return the derivative of the prediction (M,) by Coulomb friction that has a volt more at rest, for theta (P + Q,).
 
-        def states(times: Array) -> tuple[Array, Array]:
-            return self._motion(theta, data, "speed", times, data.u), np.full(len(times), offset)
+        The excess falls to nothing at the speed `width`, in position units a second; see `models.near_rest`.
+        """
+        from servobench.identification.models.near_rest import by_excess_friction
 
-        return Switching(gain=gain, tau=tau, coulomb=coulomb, delay=delay, states=states)
+        p, found = self.vector(theta, data), np.empty(len(data.t_output))
+        kind = data.kind if is_plain(data) else data.shaft_kind
+        t, u, before = data.t_input, data.u, data.input_before
+        by_excess_friction(t, u, before, data.t_output, p, width, float(kind == "speed"), found)
+        return found if is_plain(data) else data.chain.linear(found[:, None], data.t_output)[:, 0]
+
+    def speed(self, theta: Array, data: Dataset) -> Array:
+        """Return the shaft's speed (M,) at the samples, before any chain, for theta (P + Q,)."""
+        return self._motion(theta, data, "speed", data.t_output, data.u)
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / (τ s + 1), or that over s for the position."""

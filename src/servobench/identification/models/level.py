@@ -1,4 +1,4 @@
-"""The levels of the input under which a motor moved."""
+"""The levels of the input at which a motor moved."""
 
 from __future__ import annotations
 

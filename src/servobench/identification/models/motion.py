@@ -1,4 +1,4 @@
-"""What can be seen of the motion in a record without any model: a rough speed, its direction, whether there is any."""
+"""The motion in a record, without any model: a rough speed, its direction, and whether there is any."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a data sheet says the model's parameters should be."""
+"""The model's parameters according to a data sheet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every structure with the state (θ, ω) does with a record: its start state, its chain, and a start near rest."""
+"""What all structures with the state (θ, ω) share: the start state of a record, its chain, and a start near rest."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """A first guess for first-order structures: a search over the time constant and the delay, the rest by least squares.
 
-For a given τ, d and direction of motion, the output is linear in K, K u₀, K u_c and the start state. So a coarse grid over
-τ and d, with a linear least-squares problem at each point, finds the region of the global minimum without any step that
-could diverge. A few hundred samples of each record are enough for that.
+For a given τ, d and direction of motion, the output is linear in K, K u₀, K u_c and the start state. So a coarse grid over τ
+and d, with a linear least-squares problem at each point, finds the region of the global minimum and can't diverge. A few
+hundred samples of each record are enough.
 """
 
 from __future__ import annotations

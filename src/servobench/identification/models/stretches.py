@@ -1,20 +1,20 @@
 """The stretches of a closed loop's record in which the shaft moves.
 
-A loop brings the shaft to its set point, where friction holds it while the integral part gathers until the shaft slips by a few
-counts. When it slips is decided by what is smaller than anything that is measured: the last part of a count, the least torque.
-A simulation that misses one slip is off for the rest of the record, as nothing leads it back. And what the controller does in
-the meantime is its answer to the shaft. So the rests tell of friction next to nothing, of gain and time constant nothing at all,
-and a fit over them is ruled by them. In open loop that isn't so: there the input says when the shaft starts.
+A loop brings the shaft to its set point, where friction holds it while the integral part grows until the shaft slips by a few
+counts. Effects too small to measure decide when it slips: a fraction of a count, a tiny torque. A simulation that misses one
+slip is off for the rest of the record. In the meantime the controller only responds to the shaft. So the rests contain almost
+no information on friction and none on gain and time constant, but they would dominate a fit. This doesn't happen in open loop,
+where the input determines when the shaft starts.
 
-Nor is it so where the voltage jumps with the reference, and the shaft starts at once. Just that start is what tells the
-delay. In the motion that follows the reference stands, and what acts of a proportional law is kp (r - θ(t - d)). By algebra, with
-θ(t - d) = θ - d ω to first order,
+Nor does it happen if the voltage jumps with the reference and the shaft starts at once. This start determines the delay. During
+the motion that follows, the reference is constant, and a proportional law acts as kp (r - θ(t - d)). By algebra, with θ(t - d)
+= θ - d ω to first order,
 
     τ ω' = -(1 - K kp d) ω + K (kp (r - θ) - u₀ - u_c sgn ω)
 
-in which K/τ and (1 - K kp d)/τ are told, two numbers for the three of K, τ and d. So a stretch that a jump sets off begins
-in the rest before it. It is not enough to begin with the jump: a start speed that nobody knows would be told from what the first
-milliseconds of the jump do by nothing.
+which determines K/τ and (1 - K kp d)/τ, two numbers for the three unknowns K, τ and d. So a stretch that begins with a jump
+includes some of the rest before it. Beginning at the jump isn't enough: an unknown start speed couldn't be separated from the
+effect of the first milliseconds.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
-"""The verb `motor_parameters`: from a fitted model, and measured current, a stalled shaft or a data sheet's value, to R, k, J, b.
+"""The verb `motor_parameters`: R, k, J and b from a fitted model and a measured current, a stalled shaft or a data sheet's
+value.
 
-Voltage and shaft alone tell three numbers, the gain, the time constant and the Coulomb voltage:
+Voltage and position alone determine three numbers, the gain, the time constant and the Coulomb voltage:
 
     K = k/(R b + k²),   τ + τ₂ = (R J + L b)/(R b + k²),   u_c = T_c R/k
 
-for which there are as many motors as there are resistances. What tells them apart is a second equation of the winding,
+and every resistance has a motor with these three. A second equation, that of the winding, decides between them:
 
     V = R i + L di/dt + k ω
 
-from a measured current, from a stalled shaft (ω = 0), or a value that somebody states.
+It needs a measured current, a stalled shaft (ω = 0), or a value that the user states.
 """
 
 from servobench.identification.motor_parameters.combination import MotorEstimates as MotorEstimates

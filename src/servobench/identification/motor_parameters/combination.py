@@ -1,4 +1,4 @@
-"""All that is known of a motor, put together: the parameters that it determines, their intervals, and what it leaves open."""
+"""All observations of a motor combined: the parameters that they determine, their intervals, and what stays open."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _join(parts: Sequence[Observation]) -> Observation:
 def _start(fit: Fit, joint: Observation) -> dict[str, float]:
     """A motor that obeys the fit exactly: for any R and k, b, J, T_c and L follow from K, τ, u_c and τ_e.
 
-    It doesn't matter which R where nothing tells it.
+    Any R will do if it isn't determined.
     """
     names = fit.model.names
     k = 1.0 / fit.model["gain"]

@@ -1,12 +1,11 @@
-"""What a measured current tells: resistance and torque constant, by the winding's equation and the model's own speed.
+"""Resistance and torque constant from a measured current, by the winding's equation and the model's own speed.
 
     i = V/R - (k/R) ω̂ + i₀
 
-is linear in 1/R and k/R. ω̂ is simulated by the fitted model from the input alone, so it has no noise of the encoder in it and
-nothing needs to be differentiated: it is its own instrument, and least squares are consistent whatever the noise of the current.
-The line follows from R i = V - k ω (docs/decisions/0012-second-order-and-motor-parameters.md).
-The winding's lag λ is allowed for twice: samples within 8 lags of a change of the input are left out, and ω̂ is taken λ earlier,
-which is what a slow speed is behind that lag.
+is linear in 1/R and k/R. The fitted model simulates ω̂ from the input alone, so it contains no encoder noise and needs no
+differentiation: it is its own instrument, and least squares is consistent whatever the noise of the current. The line follows
+from R i = V - k ω (docs/decisions/0012-second-order-and-motor-parameters.md). The winding's lag λ is taken into account twice:
+samples within 8 lags of a change of the input are left out, and ω̂ is taken λ earlier, the effect of that lag on a slow speed.
 """
 
 from __future__ import annotations
@@ -120,7 +119,7 @@ def _rounding(x: Array, bread: Array, step: float, variance: float) -> Array:
 
 
 def _whole_delay(fit: Fit) -> float:
-    """The delay of the model, the winding's lag included where the structure has one [s]."""
+    """The delay of the model, including the winding's lag if the structure has one [s]."""
     names = ("delay", "electrical_time_constant")
     return sum(fit.model[name] for name in names if name in fit.model.names)
 

@@ -1,6 +1,6 @@
-"""What a model means whose input is the current: J dω/dt = k i - b ω - T_c sgn(ω), without winding and back-emf.
+"""The meaning of a model whose input is the current: J dω/dt = k i - b ω - T_c sgn(ω), without winding and back-emf.
 
-That K = k/b, τ = J/b and K/τ = k/J follows from that equation where nothing sticks.
+K = k/b, τ = J/b and K/τ = k/J follow from this equation while the shaft slides.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the data tell of a motor: numbers, each with the law that it obeys, and their joint covariance."""
+"""Observations of a motor: numbers from the data, each with its law, and their joint covariance."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNITS = {
 }
 """The parameters of a motor and their units; all but the viscous friction are above zero."""
 
-_EXACT = 1e-6  # of its value: the standard deviation of a number that somebody states without one
+_EXACT = 1e-6  # of its value: the standard deviation of a number stated without one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

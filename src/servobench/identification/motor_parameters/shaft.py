@@ -1,7 +1,7 @@
-"""What a fit tells of a motor: K, τ and u_c, and with the measured current of its records 1/R and k/R, with one covariance.
+"""The observations from a fit: K, τ and u_c, and with a measured current 1/R and k/R, with one covariance.
 
-The current's line is drawn through the model's own speed, so what isn't known of the model isn't known of the line either: both
-are functions of the fit's parameters, whose covariance goes through their derivatives.
+The regression of the current uses the model's own speed, so it shares the model's uncertainty: both are functions of the fit's
+parameters, and the covariance is carried over by their derivatives.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""What a stalled shaft tells: V = R i + V_b sgn(i), with ω = 0, so that the resistance is the slope of voltage over current.
+"""The observation from a stalled shaft: V = R i + V_b sgn(i), with ω = 0, so the resistance is the slope of voltage over
+current.
 
-It follows from V = R i + k ω + V_b sgn(i) at rest. The slope alone is free of what the brushes and the current sensor add,
-which needs two voltages; from a single one R is V/i, and holds them.
+It follows from V = R i + k ω + V_b sgn(i) at rest. The slope excludes the brushes and the offset of the current sensor, but
+needs two voltages; from a single one R is V/i, which includes them.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def _steady_samples(data: Dataset) -> tuple[Array, Array]:
     """Voltage and current of a record where the voltage has held for long enough and isn't zero."""
     changes = data.t_input[data.u != np.concatenate([[data.input_before], data.u[:-1]])]
     # A sample at the instant of a change is left out: microseconds decide which of the two voltages its current belongs to.
-    # A sample at the instant of a change is left out: to which of the two voltages its current belongs depends on microseconds.
+    # A sample at the instant of a change is left out: microseconds decide to which of the two voltages its current belongs.
     last = np.searchsorted(changes, data.t_output, side="right") - 1
     since = np.full(len(data.y), np.inf)
     since[last >= 0] = data.t_output[last >= 0] - changes[last[last >= 0]]

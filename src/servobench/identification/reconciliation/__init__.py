@@ -1,1 +1,1 @@
-"""Why figures differ: causes weighed against the difference between data, data sheets and what somebody claims."""
+"""Why values differ: causes of the difference between data, data sheets and claims, and their probabilities."""

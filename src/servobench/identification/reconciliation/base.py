@@ -1,6 +1,7 @@
-"""The kind `causes`: what may stand between two sets of figures of one motor, and the question that it is held against.
+"""The kind `causes`: possible reasons why two sets of values of one motor differ, and the question that they are judged by.
 
-All effects are on logarithms, where they add: what makes the time constant longer by a third adds ln(4/3), whatever it was.
+All effects are on logarithms, where they add: a cause that makes the time constant a third longer adds ln(4/3), whatever its
+value.
 """
 
 from __future__ import annotations

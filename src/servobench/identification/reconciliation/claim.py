@@ -1,4 +1,4 @@
-"""A claimed figure: a parameter, its value as somebody wrote it, and how exactly it was written."""
+"""A claimed figure: a parameter, its value as written, and the precision of that value."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SPELLINGS: dict[str, Claimed] = {
     "tau": "time_constant",
     "τ": "time_constant",
 }
-# Parameters of structures, too, but the causes tell of gain and time constant only.
+# These are parameters of structures too, but the causes only concern gain and time constant.
 _NOT_EXPLAINED = ("coulomb_voltage", "offset_voltage", "stribeck_voltage", "delay")
 _SMALLEST, _LARGEST = 1e-12, 1e12  # in SI units: no motor is beyond these, nor is any mistake in a unit
 _EXPECTED: dict[Claimed, str] = {"gain": "1e-12 to 1e12, either way", "time_constant": "1e-12 to 1e12 s"}
@@ -44,7 +44,7 @@ class Claim:
         """Return the claim that a text makes: `tau=0.13`, `tau=130ms`, `gain=23.8`, `tau=0.13±0.01`.
 
         Without ± it is known to half a unit of its last digit: 0.13 means 0.125 to 0.135. A gain without a unit is in
-        `gain_unit`. Raises `UsageError` where it is no claim, or of a parameter for which no causes are known;
+        `gain_unit`. Raises `UsageError` if it isn't a claim, or its parameter has no known causes;
         `UnknownName` for what is no parameter.
         """
         name, mark, rest = text.partition("=")

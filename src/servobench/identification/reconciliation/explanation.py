@@ -42,8 +42,8 @@ class Explanation:
 
     `causes` are all that were weighed, the most probable first; a cause's probability is that of taking part, alone or with
     another one, and 0 where it isn't possible. `hypotheses` are the sets of possible causes, whose probabilities add up to
-    one. `alike` are the causes that these data can't tell from the first one. `agrees` says that chance is enough. Where the
-    data can't support a model (`verdict` refused), there are no differences, and the sentences say why.
+    one. `alike` are the causes that these data can't separate from the first one. `agrees` says that chance is enough. Where
+    the data can't support a model (`verdict` refused), there are no differences, and the sentences say why.
     """
 
     verdict: Verdict

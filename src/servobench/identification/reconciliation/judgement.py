@@ -1,4 +1,4 @@
-"""One cause held against the difference: the size it would take, how much it explains, and whether the data speak against it."""
+"""One cause and the difference: the size needed, how much it explains, and whether the data contradict it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Share:
 class JudgedCause:
     """A cause, how probable it is that it takes part, and what speaks for and against it.
 
-    `against` says why it can't be the cause, or not alone; empty where nothing speaks against it. `needed` is the size that
+    `against` says why it can't be the cause, or not alone; empty if nothing contradicts it. `needed` is the size that
     explains most, None where no size helps without another cause. `likely` is the size that such a cause has before anybody
     looks at the difference, and `explains` what that explains.
     """

@@ -1,4 +1,4 @@
-"""At which inputs the data were taken, and what part of them is lost before the motor turns."""
+"""The levels of the input in the data, and the part of them that is lost before the motor turns."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """Weighing causes against each other: how probable each is, alone or with another one, by Bayes' rule.
 
-A cause i takes part with its probability π_i before anybody looks, and then shifts the figures by e_i(s) for a size s of its own
-prior p_i(s). At most two take part. For the difference d with covariance S the evidence of a set H of causes is
+A cause i takes part with the prior probability π_i, and then shifts the values by e_i(s) for a size s with the prior p_i(s). At
+most two take part. For the difference d with covariance S the evidence of a set H of causes is
 
     p(d | H) = ∫ N(d; Σ e_i(s_i), S) Π p_i(s_i) ds_i,     P(H | d) ∝ p(d | H) Π_H π_i Π_not H (1 - π_i)
 
 The integral is a sum over sizes, each with a small normal spread along its curve, so that the sum is smooth however small S
-is. Two more sets stand beside them: nothing but chance, e = 0, and something else, e normal with 50 % in each figure.
-What is judged in it, and why, is told in docs/decisions/0014-why.md.
+is. There are two more sets: chance alone, e = 0, and something else, e normal with 50 % in each value.
+docs/decisions/0014-why.md gives the assumptions and their reasons.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from servobench.identification.reconciliation.base import CAUSES, Cause, Exclude
 
 CHANCE = "chance"
 SOMETHING_ELSE = "something_else"
-TOLD = 0.01  # of probability: less is told as "below 1 %", and nothing is made of it
+TOLD = 0.01  # of probability: less is reported as "below 1 %", and not used
 _ELSE_OCCURS = 0.05
-_ELSE_SD = 0.5  # of ln: two figures may differ by half, or twice that, for reasons that nobody thought of
+_ELSE_SD = 0.5  # of ln: two values may differ by half, or twice that, for unknown reasons
 _SMOOTH = 0.8  # of the distance between sizes: a sum of normals so wide is smooth to 1e-5
 _SLOPE = 1e-4  # of a step: what derivatives are taken over
 
@@ -54,7 +54,7 @@ def weigh(question: Question) -> tuple[Hypothesis, ...]:
     mixtures = {name: _shifts(CAUSES[name], question, sizes) for name, sizes in possible.items()}
     odds = {name: CAUSES[name].occurrence / (1 - CAUSES[name].occurrence) for name in possible}
     logs: dict[tuple[str, ...], float] = {(CHANCE,): _evidence(question, _nothing(question))}
-    logs[SOMETHING_ELSE,] = _evidence(question, _anything(question)) + np.log(
+    logs[SOMETHING_ELSE,] = _evidence(question, _other_cause(question)) + np.log(
         _ELSE_OCCURS / (1 - _ELSE_OCCURS)
     )
     for name, mixture in mixtures.items():
@@ -118,7 +118,7 @@ def _nothing(question: Question) -> _Shifts:
     return _Shifts(np.ones(1), np.zeros((1, d)), np.zeros((1, d, d)))
 
 
-def _anything(question: Question) -> _Shifts:
+def _other_cause(question: Question) -> _Shifts:
     d = len(question.names)
     return _Shifts(np.ones(1), np.zeros((1, d)), _ELSE_SD**2 * np.eye(d)[None])
 

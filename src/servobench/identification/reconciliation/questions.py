@@ -1,4 +1,4 @@
-"""From a fit and claims, or a fit and a data sheet, to the question that causes are held against."""
+"""From a fit and claims, or a fit and a data sheet, to the question that causes are judged by."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ def about_claims(
 def about_sheet(fit: Fit, motor: MotorParameters) -> Question:
     """Return the question how the figures of the data come from those of a data sheet.
 
-    Where a speed comes without word of its making, the delay is a figure, too: a lag that nobody mentioned shows in it.
+    For a speed of unknown origin the delay is a third value: an undeclared lag shows in it.
     Raises `UsageError` for data in other units than V and rad or a structure without gain and time constant,
-    `NotIdentifiable` where the data don't tell those.
+    `NotIdentifiable` if the data don't determine them.
     """
     _check_units(fit)
     unknown = any(record.data.kind == "speed" and not record.data.chain for record in fit.records)

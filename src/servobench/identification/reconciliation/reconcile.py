@@ -82,10 +82,11 @@ def _about_signs(claims: Sequence[Claim], fit: Fit) -> tuple[str, ...]:
 
 
 def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
-    """Return what explains the difference between a fit and a data sheet: which cause, how likely, and what would decide.
+    """Return what explains the difference between a fit and a data sheet: the causes, their probabilities,
+    and a deciding experiment.
 
-    Nothing where the data leave the figures open, as then there is no difference to explain. Raises `UsageError` for data in
-    other units than V and rad.
+    Empty if the data don't determine the values, because then there is no difference to explain. Raises
+    `UsageError` for data in other units than V and rad.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

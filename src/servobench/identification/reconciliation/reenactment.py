@@ -1,9 +1,9 @@
-"""The claimed method once more, on the very data: what somebody reads who does it that way.
+"""The claimed method applied to these data, and the values that it gives.
 
-Readings of steps (63.2 %, the logarithmic slope, rise time over 2.197) take the speed as it stands, with whatever lag lies in it.
+Readings of steps (63.2 %, the logarithmic slope, rise time over 2.197) use the speed as it is, including its lag.
 The two regressions leave the measurement chain out: ARX, y[k+1] = a y[k] + b u[k] + c with τ = -T/ln a, and the output error of a
-first-order model. Data that hold a position are differenced and filtered first, as textbooks do. A record without steps can't
-be read; then the fitted motor is given steps, and its simulated speed is read.
+first-order model. Positions are differenced and filtered first, as in textbooks. If a record has no steps, the reading is taken
+from the simulated speed of the fitted motor after steps.
 """
 
 from __future__ import annotations

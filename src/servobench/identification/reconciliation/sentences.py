@@ -1,4 +1,4 @@
-"""What there is to say of a difference, in plain sentences."""
+"""The sentences about a difference."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _first(question: Question, first: JudgedCause) -> str:
     if first.needed is not None:
         needed = f" The whole difference would need {size_range_text(first.needed)}."
     likely = ""
-    if first.likely is not None and any(map(_is_told, first.explains)):
+    if first.likely is not None and any(map(_has_finite_interval, first.explains)):
         likely = f" At a usual size, {first.likely.text}, it explains {_shares(first.explains)}."
     return (
         f"The most likely cause is {first.label} ({probability_told(first.probability)}). "
@@ -165,8 +165,8 @@ def _if_the_motor(causes: Sequence[JudgedCause]) -> list[str]:
     return [f"To be the motor's own, the claimed figure would need {_or(sizes)}."] if sizes else []
 
 
-def _is_told(share: Share) -> bool:
-    """Whether there is a difference in a figure for certain, so that parts of it mean something."""
+def _has_finite_interval(share: Share) -> bool:
+    """Whether a value certainly differs, so that shares of the difference make sense."""
     return all(map(math.isfinite, (share.value, *share.interval)))
 
 
@@ -174,7 +174,7 @@ def _shares(shares: Sequence[Share]) -> str:
     """`76 % (65 to 91 %) of the difference in the time constant`, for each figure that it explains a part of."""
     told = []
     for share in shares:
-        if not _is_told(share) or share.name == "delay" or abs(share.value) < 0.005:
+        if not _has_finite_interval(share) or share.name == "delay" or abs(share.value) < 0.005:
             continue
         low, high = (100 * end for end in share.interval)
         ends = f" ({low:.0f} to {high:.0f} %)"

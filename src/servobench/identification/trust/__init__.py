@@ -1,5 +1,5 @@
-"""Whether a fit is to be trusted: what is odd in the data, what explains it, what the model leaves over, and what it predicts.
+"""Whether to trust a fit: problems in the data, their explanations, the residuals, and the prediction of other data.
 
 `doubts` and `explanations` are kinds with one file for each. `validation`, `held_out` and `missing_terms` test the fit itself;
-`winding` says whether it tells the lag of the winding from a delay.
+`winding` says whether it separates the lag of the winding from a delay.
 """

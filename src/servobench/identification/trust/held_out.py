@@ -1,7 +1,7 @@
 """Is the model right on data that it wasn't fitted to? Records, input levels or stretches are left out in turn.
 
-What is left out always holds a transient: the steady tail of a step would only try the gain once more, and any model
-passes that.
+Each part left out contains a transient: the steady tail of a step would only test the gain once more, and any model passes
+that.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Is something missing from the model's structure? A score test for each term that motors are known to have and a model may lack.
+"""Does the model's structure lack something? A score test for each term that a motor may have and the model lacks.
 
-How the test works is told in `uncertainty.score_test`. Here are the terms, each with the sentence that a person reads, and with
-what its amount means.
+`uncertainty.score_test` explains the test. Here are the terms, each with its sentence for the user and the meaning of its
+amount.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
-from servobench.identification.estimators.covariance import andrews_lag, long_run
 from servobench.identification.models.rational import Rational
 from servobench.identification.uncertainty.score_test import ScoreTest, Term, TermScore
 
@@ -292,45 +291,3 @@ def _possible(shown: TermScore) -> bool:
         return False
     outputs = [float(np.ptp(record.data.y)) for record in shown.fit.records]
     return shown.whole[0] <= (shown.largest if shown.term.to_input else max(outputs))
-
-
-def with_fast_pole(fit: Fit) -> Fit:
-    """Return the fit with a line of its budget for what not knowing what the delay is made of adds; see `fast_pole_doubt`."""
-    added = fast_pole_doubt(fit)
-    if not added.any():
-        return fit
-    reason = "part of the delay may be the lag of the winding or of a compliant shaft"
-    return fit.widen(Contribution(source="second pole not modelled", covariance=added, reason=reason))
-
-
-def fast_pole_doubt(fit: Fit) -> Array:
-    """Return the covariance (P, P) that not knowing what the delay is made of adds to that of the parameters.
-
-    A part φ of the delay d, between none and all, may be the lag of a fast pole. The output then has φ c more, c = d²/2 times
-    its second derivative by d, and the parameters are off by φ b, b = (J'J)⁻¹ J'c. What the innovations say of φ is a normal
-    distribution cut at 0 and 1; the doubt is b b' E[φ²]. It vanishes where the data show a pure delay
-    (docs/decisions/0006-intervals.md).
-    """
-    shared = len(fit.model.theta)
-    none = np.zeros((shared, shared))
-    delay = fit.model["delay"] if "delay" in fit.model.names else 0.0
-    if delay <= 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
-        return none
-    test = ScoreTest(fit, 1.0)
-    column = 0.5 * delay**2 * np.concatenate([run.columns(_FAST_POLE) for run in test.runs])[:, 0]
-    rest = column - test.basis @ (test.basis.T @ column)
-    power = float(rest @ rest)
-    if not power > 1e-20 * float(column @ column):
-        return none
-    score = (rest * test.innovations)[:, None]
-    spread = max(power, float(long_run(score, andrews_lag(score))[0, 0]))
-    share = _squared_share(float(score.sum()) / power, float(np.sqrt(spread)) / power)
-    off = test.joint_shift(column)
-    return np.asarray(share * np.outer(off[:shared], off[:shared]), dtype=np.float64)
-
-
-def _squared_share(mean: float, sd: float) -> float:
-    """E[φ²] of a normal φ that is known to lie between 0 and 1."""
-    nodes = np.linspace(0.0, 1.0, 201)
-    weights = np.exp(-0.5 * ((nodes - mean) / sd) ** 2 + 0.5 * ((np.clip(mean, 0.0, 1.0) - mean) / sd) ** 2)
-    return float(np.sum(weights * nodes**2) / np.sum(weights))

@@ -1,4 +1,4 @@
-"""Another output that a recording has, where the one that was taken doesn't tell the time constant."""
+"""Another output of a recording, if the one used doesn't determine the time constant."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def with_other_output(result: Result, recordings: Sequence[Recording]) -> Result
     from finer times. Of several speeds the one whose name begins most like the position's is named; a result that isn't refused
     for its time constant, and one of a speed, are returned as they are.
     """
-    refused = [finding for finding in result.findings if _is_untold(finding)]
+    refused = [finding for finding in result.findings if _leaves_time_constant_open(finding)]
     speed = _speed_beside_position(recordings) if refused else None
     if speed is None:
         return result
@@ -34,7 +34,7 @@ def with_other_output(result: Result, recordings: Sequence[Recording]) -> Result
     return replace(result, findings=findings)
 
 
-def _is_untold(finding: Finding) -> bool:
+def _leaves_time_constant_open(finding: Finding) -> bool:
     return finding.code in _UNTOLD and "time_constant" in finding.parameters
 
 

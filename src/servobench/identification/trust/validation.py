@@ -1,4 +1,4 @@
-"""Is the model right? Tests on what it leaves over."""
+"""Is the model right? Tests on its residuals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ _SLOW = 200.0
 
 
 def validate(fit: Fit) -> tuple[Finding, ...]:
-    """Return what the residuals say about a fit: their size beside the encoder's rounding, colour, and tie to the input.
+    """Return what the residuals say about a fit: their size relative to the encoder's rounding, their colour,
+    and their correlation with the input.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

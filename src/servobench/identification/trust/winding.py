@@ -1,4 +1,4 @@
-"""Do the data tell the lag of the winding from a delay? Where they don't, a second-order structure is refused by name.
+"""Do the data separate the lag of the winding from a delay? If not, a second-order structure is refused even if named.
 
 At a constant sum of delay and lag the output changes with the square of the lag only (the second moment of its impulse
 response), so that near zero neither the lag nor its interval means anything: what is known is τ_e², and its standard deviation

@@ -51,8 +51,8 @@ def _loop(
     fastest = min(_TURNED / lag.half_width, limit)
     loudness = plain(100 * gain.estimate.half_width / abs(gain.estimate.value), 2)
     return [
-        f"to tune a position loop up to {plain(fastest, 2)} rad/s (over the intervals its phase margin changes by 5° at most, "
-        f"its gain by {loudness} %)"
+        f"to tune a position loop with a crossover of at most {plain(fastest, 2)} rad/s (over the intervals its phase margin "
+        f"changes by 5° at most, its gain by {loudness} %)"
     ]
 
 

@@ -100,7 +100,7 @@ def device_of_student(student: str, exercise: Exercise, secret_file: Path) -> De
 
 
 def strip_settings(recording: Recording, experiment: Experiment, name: str) -> Recording:
-    """Return a recording with what was measured and asked for, and nothing of how it was made: no settings, events or seed."""
+    """Return a recording with the measurements and the experiment only: no settings, events or seed."""
     public = experiment.model_copy(update={"device": DeviceChoice(), "seed": 0})
     info = None if recording.info is None else replace(recording.info, settings=())
     return replace(

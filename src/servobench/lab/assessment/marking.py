@@ -1,4 +1,4 @@
-"""Marks: each student's form held against what their own recording tells."""
+"""Marks: each student's form compared with their own recording."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class StudentMarks:
 
 @dataclass(frozen=True, kw_only=True)
 class Marks:
-    """The marks of a class, its students in the roster's order; `stray` has a sentence for each form that is nobody's."""
+    """The marks of a class, its students in the roster's order; `stray` has a sentence for each form without a student."""
 
     students: tuple[StudentMarks, ...]
     stray: tuple[str, ...]
@@ -105,7 +105,7 @@ def marks_table(marks: Marks) -> str:
 def _sort_forms(
     assessment: Assessment, students: Sequence[Student], forms: Sequence[Form]
 ) -> tuple[dict[str, list[Form]], tuple[str, ...]]:
-    """The forms of each student, and a sentence for each that is nobody's."""
+    """The forms of each student, and a sentence for each form without a student."""
     by_code = {assessment.code(student.id): student.id for student in students}
     by_place = {same_name(name): student.id for student in students for name in (student.folder, student.id)}
     belonging: dict[str, list[Form]] = {student.id: [] for student in students}
@@ -149,7 +149,7 @@ def _mark_student(
 
 
 def _choose_form(forms: list[Form]) -> tuple[Form | None, tuple[str, ...]]:
-    """The form that counts; of several that differ none does, as nobody but the student knows which was meant."""
+    """The form that counts; if several differ none does, because only the student knows which one was meant."""
     if not forms:
         return None, ("There is no form.",)
     if all(dict(form.answers) == dict(forms[0].answers) for form in forms):
@@ -161,7 +161,7 @@ def _choose_form(forms: list[Form]) -> tuple[Form | None, tuple[str, ...]]:
 def _mark(question: Question, form: Form | None, stand: MotorStand) -> Mark:
     blank = question.blank
     given = "" if form is None else form.answers.get(blank.id, "")
-    if not question.is_asked:
+    if not question.is_answerable:
         return Mark(blank=blank.id, verdict="not asked", given=given, sentence=question.why_not)
     if not given.strip():
         gone = form is not None and blank.id not in form.answers

@@ -26,7 +26,7 @@ class Question:
     why_not: str = ""
 
     @property
-    def is_asked(self) -> bool:
+    def is_answerable(self) -> bool:
         """Whether there is a right answer."""
         return not self.why_not
 
@@ -42,14 +42,16 @@ def questions(exercise: Exercise, stand: MotorStand) -> tuple[Question, ...]:
 
 def all_blanks(asked: Sequence[tuple[Question, ...]]) -> tuple[Blank, ...]:
     """Return the blanks that at least one of the students is asked, in the exercise's order."""
-    return tuple(column[0].blank for column in zip(*asked, strict=True) if any(q.is_asked for q in column))
+    return tuple(
+        column[0].blank for column in zip(*asked, strict=True) if any(q.is_answerable for q in column)
+    )
 
 
 def pass_rates(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
     """Return, by blanks, which part of the right answers of others would pass for a student's own; NaN with one student alone."""
     found = {}
     for column in zip(*asked, strict=True):
-        known = [question for question in column if question.is_asked]
+        known = [question for question in column if question.is_answerable]
         pairs = [(mine, other) for mine in known for other in known if mine is not other]
         passed = sum(abs(other.right - mine.right) <= mine.allowed for mine, other in pairs)
         found[column[0].blank.id] = passed / len(pairs) if pairs else math.nan
@@ -57,22 +59,22 @@ def pass_rates(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
 
 
 def same_for_all(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, bool]:
-    """Return, by blanks, whether the right answer is everybody's, as it hangs on nobody's motor; False with one student alone."""
+    """Return for each blank whether all students have the same right answer; False with a single student."""
     found = {}
     for column in zip(*asked, strict=True):
-        right = [question.right for question in column if question.is_asked]
+        right = [question.right for question in column if question.is_answerable]
         found[column[0].blank.id] = len(right) > 1 and all(each == right[0] for each in right)
     return found
 
 
-def all_passed_by_others(asked: Sequence[tuple[Question, ...]]) -> float:
-    """Return which part of the others' whole forms would pass for a student's own; NaN with one student alone."""
+def whole_form_pass_rate(asked: Sequence[tuple[Question, ...]]) -> float:
+    """Return the share of other students' whole forms that would pass as a student's own; NaN with a single student."""
     pairs = [(mine, other) for mine in asked for other in asked if mine is not other]
     passed = sum(
         all(
             abs(b.right - a.right) <= a.allowed
             for a, b in zip(mine, other, strict=True)
-            if a.is_asked and b.is_asked
+            if a.is_answerable and b.is_answerable
         )
         for mine, other in pairs
     )

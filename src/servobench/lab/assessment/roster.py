@@ -1,4 +1,4 @@
-"""The roster: who is in the class, one row each, in an order that is kept."""
+"""The roster: the students of a class, one row each, in a fixed order."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class AttenuationTable(StudySettings):
                 name="phase", heading="phase", unit="°", values=tuple(math.degrees(a.phase) for a in left)
             ),
         )
-        table = Table(title=f"What a filter of {plain(self.cutoff)} rad/s leaves of a sine", columns=columns)
+        table = Table(title=f"A sine after a filter of {plain(self.cutoff)} rad/s", columns=columns)
         computed = Table(
             title=f"The amplitude behind the filter when computed every {plain(1e3 * sample_time)} ms",
             columns=(
@@ -91,7 +91,7 @@ class AttenuationTable(StudySettings):
         )
         return figure_of(
             name="attenuation",
-            title="What is left of a sine",
+            title="A sine after the filter",
             caption=(
                 "The axis ends at half of the sample rate. There Tustin's filter passes nothing, Euler's too much."
             ),

@@ -81,12 +81,12 @@ class Stand(Protocol):
 
     @property
     def facts(self) -> Mapping[str, Fact]:
-        """What data sheet, device, recording and studies tell, each fact found when it is first asked for."""
+        """The facts of data sheet, device, recording and studies, each computed on first use."""
         ...
 
     @property
     def recording(self) -> Recording:
-        """The recording of the exercise's experiment; it is made when it is first asked for."""
+        """The recording of the exercise's experiment; it is made on first use."""
         ...
 
     def run(self, experiment: Experiment) -> Recording:

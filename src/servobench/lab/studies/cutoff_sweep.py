@@ -113,7 +113,7 @@ class CutoffSweep(StudySettings):
             Column(name="settling", heading="settles in", unit="s", values=settled, digits=3),
         )
         return Table(
-            title="What the cut-off does",
+            title="The effect of the cut-off",
             columns=columns,
             note=(
                 f"Noise is the rms at {plain(steady.speed, 4)} rad/s, from a run at {plain(level)} V, beside the exact formula. "

@@ -30,7 +30,7 @@ class Body(Settings):
     """Inertia, where it is known without mass and radius [kg·m²]."""
 
     @model_validator(mode="after")
-    def _tells_its_inertia(self) -> Self:
+    def _check_inertia(self) -> Self:
         if (self.inertia is None) == (self.mass is None) or (self.mass is None) != (self.radius is None):
             raise ValueError("expected a mass and a radius, or else an inertia")
         return self
@@ -60,7 +60,7 @@ class Inertias(StudySettings):
     """
 
     bodies: Annotated[tuple[Body, ...], Field(min_length=1)]
-    """All that turns."""
+    """The bodies that turn."""
     totals: tuple[Total, ...] = ()
     """Sums of bodies, a row each below them."""
 
@@ -75,7 +75,7 @@ class Inertias(StudySettings):
         scale = required_fact(stand, "sheet_resistance") / required_fact(stand, "sheet_motor_constant") ** 2
         inertias = tuple(row[3] for row in rows)
         table = Table(
-            title="All that turns",
+            title="Everything that turns",
             columns=(
                 Column(name="body", heading="", values=tuple(row[0] for row in rows)),
                 Column(

@@ -39,7 +39,7 @@ class _Trial:
 
 @STUDIES.member("leave_out")
 class LeaveOut(StudySettings):
-    """Each structure fitted to the whole recording, to all but one part in turn, and held against a second run.
+    """Each structure fitted to the whole recording, to all but one part in turn, and compared with a second run.
 
     `trained` is what the model misses of the data that it was fitted to, 100 - fit percent; `left_out` the same on the parts
     that weren't there when it was fitted, `other` on a run with another signal. `residual` is in counts: the rounding of an

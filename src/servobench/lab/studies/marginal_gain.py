@@ -100,7 +100,7 @@ class MarginalGain(OfAMotor):
         return StudyResult(
             tables=(
                 self._table(rightmost, swings),
-                Table(title="Where it begins to swing", columns=limits),
+                Table(title="Where the oscillation begins", columns=limits),
             ),
             figures=(self._figure(swings),),
             facts={
@@ -197,7 +197,7 @@ class MarginalGain(OfAMotor):
         )
         return Illustration(
             name="swings",
-            title="Swings about the speed that was asked for",
+            title="Oscillation about the reference speed",
             caption=(
                 "Each run from half a second after the ramp, as long as the oscillation stays within half "
                 "of the speed."

@@ -102,7 +102,7 @@ def _figure(sample_times: Sequence[float], quantum: float, fastest: float) -> Il
     largest = quantum / min(sample_times) / 2
     return figure_of(
         name="quantisation",
-        title="The noise depends on which speed",
+        title="The noise depends on the speed",
         caption=(
             "At a whole number of counts per sample there is no noise; it is largest half a count away. A shorter "
             "sample time makes the arches higher and wider."

@@ -30,7 +30,7 @@ class Restarts(StudySettings):
         return StudyResult(
             tables=(
                 Table(
-                    title="The same experiment, started anew",
+                    title="The same experiment, restarted",
                     columns=(
                         Column(name="run", heading="run", values=tuple(range(1, self.runs + 1))),
                         Column(

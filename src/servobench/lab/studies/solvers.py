@@ -1,4 +1,4 @@
-"""The study `solvers`: a step of voltage computed by several solvers and step sizes, held against the exact solution."""
+"""The study `solvers`: a step of voltage computed by several solvers and step sizes, compared with the exact solution."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from servobench.rig.motor.physics import MotorState, Physics
 from servobench.rig.motor.solvers.base import SOLVERS
 
 _SPAN = 0.5  # s; five time constants
-_AT = 0.1  # s; about one time constant, where what is left of the way tells the time constant best
+_AT = 0.1  # s; about one time constant, where the remaining way determines the time constant best
 
 
 class Case(Settings):

@@ -51,10 +51,10 @@ SpeedChain = Annotated[str, AfterValidator(_makes_a_speed)]
 
 
 class KalmanCase(Settings):
-    """A Kalman filter of the motor: what it is told, and how much it believes it."""
+    """A Kalman filter with a model of the motor: its parameters, and its trust in them."""
 
     time_constant: PositiveTime
-    """Time constant that the filter is told [s]."""
+    """Time constant in the filter's model [s]."""
     acceleration: Acceleration = 10.0
     """Standard deviation of the acceleration that the model doesn't know; a small one believes the model [rad/s²]."""
 
@@ -124,7 +124,7 @@ def _table(rows: list[_Row], work: _Work) -> Table:
         Column(name="scatter", heading="scatter", unit="ms", values=tuple(1e3 * row.error.sd for row in rows), digits=2),
     )  # fmt: skip
     return Table(
-        title="Ways to a speed",
+        title="Ways to compute a speed",
         columns=columns,
         note=(
             f"Noise of the run at {plain(work.steady.speed)} rad/s, beside the exact formula. The last two columns are computed, "
@@ -178,7 +178,7 @@ class _Work:
         )
 
     def kalman(self, case: KalmanCase) -> _Row:
-        """A row of a filter that knows the voltage; it is told the gain that the recording shows."""
+        """A row of a filter that uses the voltage; its gain is that of the recording."""
         told = MotorKalman(
             gain=self.gain,
             time_constant=case.time_constant,

@@ -1,4 +1,4 @@
-"""The study `stall`: a shaft that is held under several voltages, and what the stall monitor makes of it."""
+"""The study `stall`: a shaft that is held at several voltages, and the response of the stall monitor."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def _figure(run: Recording) -> Illustration:
     at = applied.t if applied.t is not None else t
     return over_time(
         "stall",
-        "A shaft that is held, and cut off",
+        "A shaft that is held, then cut off",
         "The current rises to that of a motor at rest, as there is no back-emf, until the run is ended.",
         f"The speed falls to zero; the current goes to {plain(float(current.values[-1]), 2)} A and stays there until the run "
         f"ends after {plain(float(t[-1]), 3)} s.",

@@ -1,4 +1,4 @@
-"""The study `steady_state_errors`: what is left of the error after a step and along a ramp, by theory and by runs."""
+"""The study `steady_state_errors`: the remaining error after a step and along a ramp, by theory and by runs."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class SteadyStateErrors(OfAMotor):
         )
         note = f"The error of the run is its mean over the last {plain(_LAST)} s, reference minus position."
         return StudyResult(
-            tables=(Table(title="What is left of the error", columns=columns, note=note),),
+            tables=(Table(title="The remaining error", columns=columns, note=note),),
             figures=(_figure(tried),),
             facts={"slope": Fact(value=self.slope), "step": Fact(value=self.step)},
         )  # fmt: skip

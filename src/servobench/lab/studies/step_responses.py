@@ -161,7 +161,7 @@ def _figure(courses: Sequence[tuple[str, tuple[Response, Response]]], change: Ch
         "step-responses",
         "Step responses, measured and without friction",
         "Wide and grey: the run. Thin and blue: the same loop around a motor without friction and limits.",
-        f"Answers to {change} with {'; '.join(name for name, _ in courses)}.",
+        f"Responses to {change} with {'; '.join(name for name, _ in courses)}.",
         tuple(_course(name, *each, change) for name, each in courses),
     )
 
@@ -185,7 +185,7 @@ def _controllers(controllers: Sequence[Controller]) -> Column:
 
 
 def _names(controllers: Sequence[Controller]) -> tuple[str, ...]:
-    """What the controllers are called; those that differ by their filter alone are told apart by it."""
+    """The names of the controllers; those that only differ in their filter have it in the name."""
     names = [gains_text(each) for each in controllers]
     return tuple(
         f"{name}, filter {plain(each.cutoff)} rad/s"

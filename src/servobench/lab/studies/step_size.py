@@ -1,4 +1,4 @@
-"""The study `step_size`: what a shorter sample time gives, and what it takes: resolution of time, of speed, of the estimate."""
+"""The study `step_size`: what a shorter sample time gains and costs: resolution of time, of speed, of the estimate."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class StepSize(StudySettings):
             Column(name="half", heading="± of τ", unit="ms", values=tuple(1e3 * tau.half for tau in known), digits=2),
         )  # fmt: skip
         table = Table(
-            title="What the sample time decides",
+            title="The effect of the sample time",
             columns=columns,
             note=(
                 f"One count more or less in a sample is a step of the speed of Δ/T, with Δ = {plain(quantum)} rad. Noise is the "

@@ -1,4 +1,4 @@
-"""The study `step_tail`: wrong models held against the rise and against the tail of a step."""
+"""The study `step_tail`: wrong models compared with the rise and with the tail of a step."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _table(labels: Sequence[str], rise: Sequence[float], tail: Sequence[float]) 
         return Column(name=name, heading=f"of the {name}", unit="counts", digits=3, values=tuple(values))
 
     return Table(
-        title="Wrong models, and what they leave",
+        title="Wrong models and their residuals",
         columns=(
             Column(name="model", heading="model", values=tuple(labels)),
             column("rise", rise),

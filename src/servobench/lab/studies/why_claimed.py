@@ -1,4 +1,4 @@
-"""The study `why_claimed`: what stands between a claimed figure and what the exercise's recording says."""
+"""The study `why_claimed`: why a claimed figure differs from the exercise's recording."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def _jumps(recording: Recording, bits: int) -> tuple[Table, Illustration]:
     travel = motion.angle / motion.count
     figure = over_time(
         "wrap",
-        f"A counter of {bits} bits that comes to its end",
+        f"A counter of {bits} bits at the end of its range",
         "Top: the counter's reading; bottom: the same unwrapped, the counts that the shaft has made.",
         f"The counter rises, and jumps from its largest to its smallest number {len(at)} times; unwrapped it rises "
         f"steadily to {plain(float(travel[-1]), 6)} counts.",

@@ -1,4 +1,4 @@
-"""The kind `adapters`: what somebody has at hand in Python, made a recording."""
+"""The kind `adapters`: each turns a kind of Python object into a recording."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ADAPTERS: Registry[type[Adapter]] = Registry(
 
 
 def recordings_in(data: object, argument: str = "data") -> tuple[Recording, ...]:
-    """Return the recordings in what somebody has at hand: a path, a table, a recording, or a list of such.
+    """Return the recordings in the given data: a path, a table, a recording, or a list of these.
 
     `argument` is what an error message calls it.
     Raises `UsageError` for an object of no kind that is known, and what reading it raises.
@@ -59,8 +59,8 @@ def _list_of_kinds() -> str:
     return ", ".join(adapter.accepted for adapter in ADAPTERS)
 
 
-def with_names_of_their_own(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Return the recordings, those of one name called after their files, or numbered where that tells them no better."""
+def unique_names(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Return the recordings with unique names: equal names get the file's name in front, or a number."""
     names = [each.name for each in recordings]
     stems = [PurePath(each.source.name).stem for each in recordings]
     longer = [f"{stem} {name}".strip() for stem, name in zip(stems, names, strict=True)]

@@ -1,6 +1,6 @@
 """Apache Arrow's own files (IPC), which Feather files of version 2 are too: the file format and the stream.
 
-A file is read as the stream that it holds between its marks, so that one which was cut short gives the batches before the cut.
+A file is read as the stream between its marks, so a truncated file gives the batches before the cut.
 Source: Apache Arrow, "Arrow Columnar Format: Serialization and Interprocess Communication".
 """
 

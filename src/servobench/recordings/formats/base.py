@@ -1,7 +1,7 @@
 """The kind `formats`: files that hold recordings; and the two verbs `load` and `save`.
 
-A member is a class that `FORMATS.member(name)` decorates, made without arguments. `metadata` turns all that a recording knows
-beside its samples into JSON and back, `columns.recording_of` makes a recording of a foreign table.
+A member is a class that `FORMATS.member(name)` decorates, made without arguments. `metadata` converts everything in a recording
+except its samples to JSON and back, `columns.recording_of` turns a foreign table into a recording.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Format(Protocol):
     suffixes: ClassVar[tuple[str, ...]]
     """The file endings it is known by, in lower case with the dot; the first is the usual one."""
     by_library: ClassVar[bool]
-    """Whether a library reads it, in a process with limits; plain text is read by our own code, where it's asked for."""
+    """Whether a library reads it, in a process with limits; our own code reads plain text in the calling process."""
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file with these first bytes (up to 4096) is of this format.
@@ -111,10 +111,10 @@ def load(
 
 
 def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[str]) -> None:
-    """Write one recording, or several where the format can hold them, in the format that the ending of the name says.
+    """Write one recording, or several if the format allows it, in the format given by the ending of the name.
 
-    A file of that name is replaced once the new one is whole. Raises `UsageError` where no format has that ending or the format
-    can't hold the recordings, `StorageError` where they can't be written.
+    An existing file is replaced once the new one is complete. Raises `UsageError` if no format has that
+    ending or the format can't hold the recordings, `StorageError` if they can't be written.
 
     >>> import servobench as sb
     >>> from tempfile import TemporaryDirectory

@@ -1,4 +1,4 @@
-"""Which series has a role, in which unit: what is said comes first, then what the recording knows, then what its names say."""
+"""Which series has a role, in which unit: by the user's options first, then by the recording, then by the names."""
 
 from __future__ import annotations
 
@@ -28,7 +28,13 @@ from servobench.recordings.formats.roles import (
 from servobench.recordings.recording import Recording, Series
 
 _MEANING = {"input": "what drives the motor", "output": "what was measured of the motor"}
-_EXAMPLE = {"input": "V", "output": "deg/s", "reference": "deg", "supply": "V", "current": "A"}
+_EXAMPLES = {
+    "input": ("V",),
+    "output": ("deg", "deg/s"),
+    "reference": ("deg",),
+    "supply": ("V",),
+    "current": ("A",),
+}
 
 
 def spec_of(given: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
@@ -76,9 +82,9 @@ def choose(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
         sentence = f"`{name}` is read in V by convention; otherwise say `input={shell_text(f'{name}:UNIT')}`."
         findings.append(info("unit-by-convention", sentence))
     if symbol is None:
-        example = shell_text(f"{name}:{_EXAMPLE[role]}")
+        examples = " or ".join(shell_text(f"{name}:{unit}") for unit in _EXAMPLES[role])
         return (
-            f"the unit of the {role} `{name}`: say `{role}={shell_text(f'{name}:UNIT')}`, such as {example}"
+            f"the unit of the {role} `{name}`: say `{role}={shell_text(f'{name}:UNIT')}`, such as {examples}"
         )
     if (scale := full_scale(symbol)) is not None:
         return _duty_of_counts(recording, role, series, scale, findings)
@@ -180,7 +186,7 @@ _COMMAND = re.compile(
 
 
 def _varies(values: Array) -> bool:
-    """Whether a column ever changes: one that doesn't is of a motor that nobody moved."""
+    """Whether a column ever changes: if not, the motor didn't move."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and (finite != finite[0]).any())
 

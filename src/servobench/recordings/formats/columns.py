@@ -1,4 +1,4 @@
-"""The columns of a foreign table: what their names say of unit and time, and the recording that they become."""
+"""The columns of a foreign table: unit and time by their names, and their conversion to a recording."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TIME_NAMES = frozenset(
 """The names of a column of times, in lower case, once a unit is taken away."""
 
 SECONDS_BY_CONVENTION = frozenset({"t", "time"})
-"""The names that mean seconds where nobody says another unit."""
+"""The names that mean seconds unless another unit is given."""
 
 # A unit at the end of a name, as in `theta_deg`. Only what can hardly mean anything else; `_m` may stand for "measured".
 _ENDINGS = {

@@ -1,7 +1,7 @@
-"""Text tables: CSV and its relatives, foreign ones as they come and our own with everything that a recording knows.
+"""Text tables: CSV and its relatives, foreign ones and servobench's own, which contain a whole recording.
 
-The first line of a file of ours is a comment with the recording's description (`metadata.py`) and the layout of the table:
-channels that share their times stand side by side behind a column of them, and a shorter group ends in empty cells.
+The first line of our own file is a comment with the recording's description (`metadata.py`) and the layout of the table:
+channels with the same times follow a column of these times, and a shorter group ends in empty cells.
 """
 
 from __future__ import annotations

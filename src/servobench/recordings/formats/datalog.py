@@ -1,4 +1,4 @@
-"""The records of a WPILib data log: which entries it has, and where in the file the values of each stand.
+"""The records of a WPILib data log: its entries, and where in the file the values of each are.
 
 A log is a list of records, each with an entry's number, a stamp in µs and a payload. Records of entry 0 start an entry (its name,
 its type, a text about it), finish it, so that its number may be used again, or change the text.

@@ -1,6 +1,6 @@
 """The messages in a bag of ROS 2 that is an SQLite file (`.db3`), with a decoder for each topic.
 
-Bags since Iron hold the definitions of their messages; of older ones those are read whose definition stands here.
+Bags since Iron contain the definitions of their messages; older bags are read for the message types defined here.
 Source: ROS 2, rosbag2_storage_sqlite3; common_interfaces (std_msgs, sensor_msgs, geometry_msgs) for the definitions.
 """
 

@@ -1,4 +1,4 @@
-"""What is in a recording: its channels, its times, and what would have to be said before it can be identified."""
+"""The contents of a recording: its channels, its times, and the information missing for an identification."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from servobench.recordings.formats.roles import ColumnSpec, full_scale
 from servobench.recordings.recording import Recording, Series
 
 LEVEL = "{level}"
-"""What stands for the value in a pattern of a file's name."""
+"""The placeholder for the value in a pattern of a file's name."""
 CHANNEL = "input_value"
 """The name of the channel that is made of it."""
 
@@ -36,7 +36,7 @@ def with_input_value(recording: Recording, text: str) -> Recording:
     Raises `UsageError` for a text that isn't a number with a unit.
     """
     match = _VALUE.fullmatch(text)
-    if match is None or not _is_of_an_input(match["unit"]):
+    if match is None or not _is_input_unit(match["unit"]):
         raise UsageError(f"`input_value={text}`: expected a number with a unit, such as 50:% or 7:V")
     return _with_constant(recording, _number(match["number"]), match["unit"], "as stated")
 
@@ -48,7 +48,7 @@ def with_input_of_name(recording: Recording, pattern: str) -> Recording:
     a pattern without a unit, and where the name has no such value, or several.
     """
     spec = ColumnSpec.parse(pattern)
-    if spec.column.count(LEVEL) != 1 or not _is_of_an_input(spec.unit):
+    if spec.column.count(LEVEL) != 1 or not _is_input_unit(spec.unit):
         raise UsageError(
             f"`input={pattern}`: expected {LEVEL} once, and a unit behind the pattern, such as {LEVEL}pwr:%"
         )
@@ -79,7 +79,7 @@ def _with_constant(recording: Recording, value: float, unit: str, why: str) -> R
     return changed.with_findings(info("input-stated", said))
 
 
-def _is_of_an_input(symbol: str | None) -> bool:
+def _is_input_unit(symbol: str | None) -> bool:
     return symbol is not None and (is_unit(symbol) or full_scale(symbol) is not None)
 
 

@@ -1,4 +1,4 @@
-"""What the samples of a recording are like: how their times are spaced, and how long a channel sits at the ends of its range."""
+"""Statistics of a recording's samples: the spacing of their times, and how long a channel is at the ends of its range."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Which column of a file is what, in which unit.
 
-A name that is recognised is a finding and not a silent choice. What isn't sure is asked for, all of it at once.
+A recognised name is a finding and not a silent choice. All missing information is asked for at once.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class Objects:
 
 
 def objects(path: Path, names: Sequence[str]) -> Objects:
-    """Return what the variables of those names hold, as far as it can be read; what can't is told and costs nothing else."""
+    """Return the contents of the variables of those names, as far as they can be read; the others are reported and left out."""
     try:
         import_mat_io()
     except ImportError:

@@ -1,4 +1,4 @@
-"""The messages in an MCAP file of anybody's, with a decoder for each topic.
+"""The messages in any MCAP file, with a decoder for each topic.
 
 The records are read by `mcap`, CDR messages of ROS 2 decoded by `mcap-ros2-support` (the extra `ros2`).
 Source: the MCAP format specification, version 0.

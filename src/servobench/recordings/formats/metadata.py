@@ -1,4 +1,4 @@
-"""All that a recording knows beside its samples, as JSON, for the formats that have a place for a text."""
+"""Everything in a recording except its samples, as JSON, for formats that can store a text."""
 
 from __future__ import annotations
 

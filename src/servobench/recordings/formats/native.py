@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from servobench.recordings.formats.base import FORMATS
 from servobench.recordings.native.mcap import MAGIC
-from servobench.recordings.native.reader import is_of_others
+from servobench.recordings.native.reader import is_foreign_mcap
 from servobench.recordings.recording import Recording
 
 
@@ -23,7 +23,7 @@ class Native:
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether the file is an MCAP file, by its first bytes, and not one of another program."""
-        return head.startswith(MAGIC[:5]) and not is_of_others(head)
+        return head.startswith(MAGIC[:5]) and not is_foreign_mcap(head)
 
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return the recordings; the last one has the finding `recording-cut-short` where the file was torn.

@@ -1,4 +1,4 @@
-"""A mapping as a file that a person edits: what was recognised is set, what is unknown is a question."""
+"""A mapping as a file to edit: recognised entries are filled in, unknown ones are questions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _WANTED = {"input": {"voltage", "duty"}, "output": {"position", "speed"}}
 
 @dataclass(frozen=True, kw_only=True)
 class _Entry:
-    """A key of the mapping: what it is for, its value where that is known, and values to choose from where it isn't."""
+    """A key of the mapping: its purpose, and its value if known, otherwise values to choose from."""
 
     key: str
     told: str
@@ -181,7 +181,7 @@ def _current(recording: Recording) -> _Entry:
 
 
 def _turn(recording: Recording, output: str | None) -> list[_Entry]:
-    """The question how many counts make a turn, where the output is in counts and nobody says."""
+    """The question for the counts per turn, if the output is in counts and they aren't known."""
     if output is None:
         return []
     spec = ColumnSpec.parse(output)

@@ -1,4 +1,4 @@
-"""Which channel of a recording somebody means by a name, and which is recognised by its own."""
+"""Which channel of a recording a given name refers to, and which channels are recognised by their own names."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
 """What a channel can be: what drives the motor, what was measured, what a loop followed, what feeds the amplifier, what flows."""
 
 ARMATURE_CURRENT = "armature_current"
-"""The name of the channel of the measured current where somebody said which it is; it comes before all others."""
+"""The name of the channel of a measured current declared by the user; it has priority over all others."""
 
 VOLTS_BY_CONVENTION = frozenset({"u", "v", "voltage"})
-"""The names of an input that mean volts where nobody says another unit."""
+"""The names of an input that mean volts unless another unit is given."""
 
 INPUT_NAMES = VOLTS_BY_CONVENTION | {
     "volt", "volts", "vm", "um", "input", "control", "command", "cmd", "pwm", "duty", "duty_cycle", "applied",
@@ -42,13 +42,13 @@ OUTPUT_NAMES = frozenset({
 """The names by which a motor's measured output is recognised, in lower case and without a unit."""
 
 OUTPUT_NAMES_WITH_UNIT = frozenset({"w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v"})
-"""Names that stand for many things: recognised as the output only with the unit of a position or a speed, where no other is."""
+"""Ambiguous names: recognised as the output only with the unit of a position or a speed, if there is no other output."""
 
 REFERENCE_NAMES = frozenset({
     "r", "ref", "reference", "setpoint", "set_point", "goal", "goal_position", "goal_velocity", "target", "target_position",
     "target_velocity", "desired", "demand", "position_reference", "velocity_reference", "speed_reference",
 })  # fmt: skip
-"""The names of what a loop may have been told to follow; such a column is asked about, never taken."""
+"""The names of a loop's possible reference; such a column leads to a question, and is never assumed."""
 
 SUPPLY_NAMES = frozenset({
     "supply", "supply_voltage", "bus_voltage", "battery", "battery_voltage", "vbat", "vbus", "vin", "v_in", "input_volts",
@@ -79,7 +79,7 @@ _PULSE_WIDTH = re.compile(r"PWM\s*/\s*([0-9]+(?:\.[0-9]*)?)", re.IGNORECASE)
 class ColumnSpec:
     """A column as a user names it, `COL[:UNIT]`: a header's name, a variable's, or a column's number counted from 1.
 
-    `FILE#COL` is a column of another file. The unit `PWM/885` is that of a duty in raw counts, of which 885 are 100 %.
+    `FILE#COL` is a column of another file. The unit `PWM/885` is that of a duty in raw counts, with 885 for 100 %.
     """
 
     column: str
@@ -99,7 +99,7 @@ class ColumnSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class RoleMatch:
-    """A channel, by `name`, recognised as input or output, its unit, None where nobody knows it, and the `finding` on why."""
+    """A channel, by `name`, recognised as input or output, its unit (None if unknown), and the `finding` with the reason."""
 
     name: str
     unit: str | None
@@ -132,7 +132,7 @@ def recognise(recording: Recording, role: Role, without: Sequence[str] = ()) -> 
 
 
 def _fits_by_its_unit(series: Series) -> bool:
-    """Whether a name that stands for many things is that of an output by its unit."""
+    """Whether the unit shows that an ambiguous name is an output."""
     name, symbol = series.channel.name, series.channel.unit
     return plain_name(name) in OUTPUT_NAMES_WITH_UNIT and quantity_of(symbol) in {"position", "speed"}
 
@@ -210,7 +210,7 @@ def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tu
 
 
 def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
-    """Raise `UnitError` where a name that nobody knows is a column's with something behind a colon that is no unit."""
+    """Raise `UnitError` if an unknown name is a column's name with something behind a colon that isn't a unit."""
     column, colon, tail = spec.column.rpartition(":")
     known = column.lower() in [name.lower() for name in names] or (
         column.isdecimal() and len(column) < 9 and 1 <= int(column) <= len(names)
@@ -282,7 +282,7 @@ def _in_other_file(
     path = Path(file)
     if not path.exists():
         beside = Path(recording.source.name).parent / file
-        path = beside if beside.exists() else path  # what isn't there is told by the name that was given
+        path = beside if beside.exists() else path  # a missing file is reported by the given name
     others = load(path)
     if len(others) != 1:
         raise UsageError(f"{file} holds {len(others)} recordings; a column can come from a file with one")

@@ -1,9 +1,9 @@
-"""MCAP files that others wrote: ROS 2 bags and Foxglove's JSON. One recording, each topic with its own times.
+"""MCAP files of other programs: ROS 2 bags and Foxglove's JSON. One recording, each topic with its own times.
 
-A number in a message is the channel `topic.field`; of one like a sensor_msgs/JointState, with names and lists
-beside them, it is `joint.position`, `.velocity`, `.effort`.
-Where all messages of a topic have a header with a stamp, that is their time; otherwise it is the one at which they were logged.
-Source: ROS 2, common_interfaces, sensor_msgs/msg/JointState.msg and std_msgs/msg/Header.msg.
+A number in a message is the channel `topic.field`; in a message like sensor_msgs/JointState, with a list of names and lists of
+values, it is `joint.position`, `.velocity`, `.effort`. If all messages of a topic have a header with a stamp, that is their
+time; otherwise it is the log time. Source: ROS 2, common_interfaces, sensor_msgs/msg/JointState.msg and
+std_msgs/msg/Header.msg.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from servobench.recordings.formats.bag_folder import METADATA, bag_files, is_met
 from servobench.recordings.formats.base import FORMATS
 from servobench.recordings.formats.columns import LARGEST_TABLE, distinct, printable, quote
 from servobench.recordings.formats.mcap_messages import Message, Reading, Topic, messages
-from servobench.recordings.native.reader import is_of_others
+from servobench.recordings.native.reader import is_foreign_mcap
 from servobench.recordings.recording import Recording, Series, Source
 
 MOST_NUMBERS = 20_000_000
@@ -154,7 +154,7 @@ class RosBag:
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file is an MCAP file whose header names another program, an SQLite file, or the metadata of a bag."""
-        return is_of_others(head) or head.startswith(db3_messages.MAGIC) or is_metadata(path, head)
+        return is_foreign_mcap(head) or head.startswith(db3_messages.MAGIC) or is_metadata(path, head)
 
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return the recording in a file; raises `FormatError` where it has no number that can be read."""

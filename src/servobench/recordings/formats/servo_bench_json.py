@@ -48,7 +48,7 @@ class ServoBenchJson:
         return text.startswith("{") and '"entries"' in text and any(f'"{mark}"' in text for mark in _MARKS)
 
     def read(self, path: Path) -> tuple[Recording, ...]:
-        """Return the recording, of which the file doesn't say which channel is the input; raises `FormatError`."""
+        """Return the recording; the file doesn't say which channel is the input. Raises `FormatError`."""
         try:
             content = json.loads(path.read_bytes())
         except (ValueError, RecursionError) as error:

@@ -1,4 +1,4 @@
-"""Values that are older than their rows: a sensor that is asked less often than the log gets a row."""
+"""Values that are older than their rows: a sensor that is read less often than the log gets a row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A duty times the supply that it is a part of: the voltage of the motor."""
+"""Duty times supply: the voltage of the motor."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ MECHANISM = (
 
 _TINY = float(
     np.finfo(np.float64).tiny
-)  # below it a float is denormal: memory that nobody has set, not a measurement
+)  # below it a float is denormal: uninitialised memory, not a measurement
 
 
 @final

@@ -73,7 +73,7 @@ class Tdms:
             recordings = [_foreign(group, channels, path) for group, channels in groups.items() if channels]
             with format_errors(path.name, "TDMS"):
                 cut = file.file_status.incomplete_final_segment
-        return _with_something(recordings, cut, path)
+        return _require_recordings(recordings, cut, path)
 
     def write(self, recordings: tuple[Recording, ...], path: Path) -> None:
         """Write each recording as a group, its times as channels, and all they know as a property of the file."""
@@ -108,8 +108,10 @@ def _quiet() -> Iterator[None]:
         log_manager.set_level(before)
 
 
-def _with_something(recordings: Sequence[Recording | str], cut: bool, path: Path) -> tuple[Recording, ...]:
-    """The recordings, told that the last segment is cut short; raises `FormatError` where there are only sentences."""
+def _require_recordings(
+    recordings: Sequence[Recording | str], cut: bool, path: Path
+) -> tuple[Recording, ...]:
+    """The recordings, with a finding if the last segment is truncated; raises `FormatError` if there are none."""
     found = [each for each in recordings if isinstance(each, Recording)]
     if not found:
         why = (

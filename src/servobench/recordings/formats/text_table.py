@@ -1,6 +1,6 @@
 """A table in a text file: its separator and decimal mark, its header and units, its numbers, and what is wrong with it.
 
-Nothing is guessed where two readings make sense: a rule decides, or a `FormatError` says what to add to the file.
+If two readings make sense, nothing is guessed: a rule decides, or a `FormatError` says what to add to the file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from servobench.recordings.formats.times import in_words
 from servobench.recordings.formats.unreadable import Texts, about_columns
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
-"""The separators that are looked for; the blank stands for any run of blanks and tabs."""
+"""The possible separators; the blank stands for any run of blanks and tabs."""
 
 _COMMENTS = ("#", "%", "//", ";")
 _WORDS = r"[+-]?(?:nan|inf(?:inity)?)"
@@ -174,7 +174,7 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
     about_cells = _about_faults(faults, lines.rows[start:], layout, np.isnan(values) & usable[:, None])
-    # A column without any number is one of words, which nobody takes for a channel.
+    # A column without any number contains words, and isn't a channel.
     texts = {c: found for c, found in faults.texts.items() if not np.isnan(values[:, c]).all()}
     about_texts = about_columns(texts, [each.name for each in headings], len(values))
     findings = [*about_header, *_about_lines(lines, start, used), *about_stamps, *about_cells, *about_texts]
@@ -231,7 +231,7 @@ def _rows(numbers: Iterable[int]) -> NDArray[np.int64]:
 
 
 def _check_quotes(lines: _Lines, name: str) -> None:
-    """Raise `FormatError` where quotes stay open in more rows than a slip or two: nobody can tell where their cells end."""
+    """Raise `FormatError` if quotes stay open in more rows than a slip or two: the end of their cells isn't known."""
     is_open = np.fromiter((line.count('"') % 2 for line in lines.content), dtype=np.bool_)
     if is_open.sum() > max(_FEW_OPEN, _SHARE_OPEN * len(is_open)):
         raise FormatError(
@@ -307,7 +307,7 @@ def _without_trailing(content: Sequence[str], above: Sequence[str], layout: Layo
 
 
 def _sure_of_commas(content: Sequence[str], above: Sequence[str], layout: Layout, name: str) -> Layout:
-    """The layout once it is sure what its commas mean; raises `FormatError` where that can't be told."""
+    """The layout with the meaning of its commas settled; raises `FormatError` if it is ambiguous."""
     named = len(_names_in(above[-1], layout)) if above else 0
     if layout.separator == "," and layout.columns == 2 and all(_may_be_one(line, layout) for line in content):
         if named == 2:

@@ -1,4 +1,4 @@
-"""The times of samples: what their steps are like, what is wrong with them, and which samples can be used."""
+"""The times of samples: their steps, their problems, and which samples can be used."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LONGEST = float(np.finfo(np.float64).max) / 4
 
 @dataclass(frozen=True, kw_only=True)
 class TimeBase:
-    """What the times of a channel of so many `samples` are like, of which some are `non_finite`.
+    """Statistics of the times of a channel with `samples` samples, `non_finite` of them not finite.
 
     `start`, `end` and the steps are in s; `shortest_step`, `median_step`, `p99_step` (99 % are no longer) and `longest_step`
     are those that go forward, None where there are none. `backward` counts the steps that go back, `duplicates` those of zero,

@@ -50,7 +50,7 @@ def assign_times(
     time: ColumnSpec | None,
     sample_time: float | str | None,
 ) -> Timed | str:
-    """Return the series with times, every `sample_time` [s] if told, and findings; or the sentence that asks for times.
+    """Return the series with times, every `sample_time` [s] if given, and findings; or the sentence that asks for times.
 
     A sample time that the times in the file contradict is used, with a warning. Without either, a column of one value that is
     called a sample time or a rate gives it.

@@ -1,4 +1,4 @@
-"""How much a compressed file may come to, so that a small one can't fill the memory."""
+"""The limit for the unpacked size of a compressed file, so that a small file can't fill the memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns of a text table of which many cells are no numbers: what that means once such a column has a role."""
+"""Columns of a text table with many cells that aren't numbers, and what that means if such a column has a role."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def about_columns(texts: Mapping[int, Texts], names: Sequence[str], rows: int) -
 
 
 def demote_unused(findings: Iterable[Finding], used: Iterable[str]) -> list[Finding]:
-    """Return findings of which those on columns that nobody uses (others than `used`) are only told."""
+    """Return findings; those on unused columns (others than `used`) are only information."""
     begins = tuple(map(_begin, used))
     return [
         replace(each, severity=Severity.INFO)

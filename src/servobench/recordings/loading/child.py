@@ -31,13 +31,13 @@ def main() -> None:
         signal.SIGINT, signal.SIG_IGN
     )  # Ctrl-C reaches all processes; the parent says what it means
     warnings.simplefilter("ignore")  # what matters of a library's warnings is a finding
-    answers = _only_ours()
+    answers = _private_stdout()
     for line in sys.stdin:
         _answer(json.loads(line), answers)
 
 
-def _only_ours() -> IO[bytes]:
-    """Standard output for us alone: what a library prints must not get between the answers."""
+def _private_stdout() -> IO[bytes]:
+    """A private standard output: text that a library prints must not get between the answers."""
     ours = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     return ours

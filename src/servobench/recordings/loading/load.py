@@ -13,13 +13,13 @@ from servobench.recordings.recording import Recording
 
 
 def load(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
-    """Return the recordings in a file of any format that is known.
+    """Return the recordings in a file of any known format.
 
-    The format is the one that the ending of the name and the content agree on; where they don't, the content decides, and a
-    finding says so. `source` of a recording is then the file: its name as given, its SHA-256 and the format.
-    A file that isn't plain text is read by its library in a child process with limits on memory and time, which is kept for
-    the next file; in a browser, which has no processes, in this one.
-    Raises `UsageError` where there is no such file, `FormatError` where it can't be read.
+    The ending of the name and the content decide the format; if they disagree, the content counts, and a
+    finding says so. The recording's `source` is the file: its name as given, its SHA-256 and the format. A
+    library reads files that aren't plain text, in a child process with limits on memory and time, which is
+    kept for the next file; in a browser, which has no processes, it reads them in this one. Raises
+    `UsageError` if there is no such file, `FormatError` if it can't be read.
 
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory

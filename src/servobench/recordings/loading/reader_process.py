@@ -1,4 +1,4 @@
-"""The child process that reads foreign files, as the program sees it that started it."""
+"""The child process that reads foreign files, from the parent's side."""
 
 from __future__ import annotations
 

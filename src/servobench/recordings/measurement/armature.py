@@ -1,4 +1,4 @@
-"""Which channel of a recording is the measured current of the armature, and what it was at the samples of the output."""
+"""Which channel of a recording is the measured armature current, and its values at the samples of the output."""
 
 from __future__ import annotations
 

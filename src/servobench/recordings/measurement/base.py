@@ -179,7 +179,7 @@ class Chain:
         return np.column_stack(columns) if columns else np.empty((len(t), 0))
 
     def start_states(self, kind: Kind) -> tuple[StartState, ...]:
-        """Return the S start states that nobody knows, where a position or a speed goes into the chain.
+        """Return the S unknown start states, if a position or a speed goes into the chain.
 
         Raises `UsageError` where that kind can't pass.
         """
@@ -236,7 +236,7 @@ class Chain:
 
 
 NONE = "none"
-"""The text of a chain of which it is known that it has no stages."""
+"""The text of a chain that is known to have no stages."""
 
 _EXAMPLE = "derivative | lowpass 50 rad/s"
 

@@ -1,4 +1,4 @@
-"""A chain over blocks of samples that come one after the other, as they do while a motor turns."""
+"""A chain applied to successive blocks of samples, as they arrive while a motor turns."""
 
 from __future__ import annotations
 

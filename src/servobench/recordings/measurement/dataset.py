@@ -128,7 +128,7 @@ class Dataset:
 
     @property
     def start_states(self) -> tuple[StartState, ...]:
-        """The S start states that nobody knows."""
+        """The S unknown start states."""
         running, _ = self._running_and_fresh
         return running.start_states(self.shaft_kind)
 
@@ -140,7 +140,7 @@ class Dataset:
 
     @property
     def _running_and_fresh(self) -> tuple[Chain, Chain]:
-        """The linear stages in a state that nobody knows at the first sample, and those in the same state as in a prediction.
+        """The linear stages with an unknown state at the first sample, and those in the same state as in a prediction.
 
         Where the declared chain looks back before the record, the first values that a prediction feeds to the applied stages
         are not those that the data fed to them; what that leaves behind in a filter is one more unknown state.

@@ -1,12 +1,12 @@
-"""When the output of a record first answers to its input.
+"""When the output of a record first responds to its input.
 
-The output can't answer before its cause. Where a record begins with an output that stands, or runs on as it did, the first
-sample that is elsewhere comes at least a delay after the first change of the input, whatever the model. So
+The output can't respond before its cause. If a record begins at rest or in steady motion, the first sample that deviates comes
+at least a delay after the first change of the input, whatever the model. So
 
     delay <= t(first motion) - t(first change of the input) + one sample time
 
-in which the sample time allows for columns that were latched one after the other. A ramp from rest has its first change with the
-first sample and moves much later, when it has overcome friction: there the bound is wide, and says nothing.
+where the sample time allows for columns that were latched one after the other. A ramp from rest changes at the first sample,
+but the shaft moves much later, when the ramp has overcome friction: then the bound is too wide to be useful.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The samples of an output in which it is new, where a log repeats old values in between."""
+"""The new samples of an output, if a log repeats old values in between."""
 
 from __future__ import annotations
 

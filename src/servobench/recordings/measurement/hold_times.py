@@ -1,4 +1,4 @@
-"""When each voltage of a run began to hold, by a device that says with each sample since when its present voltage has held.
+"""When each voltage of a run began to hold, if the device reports with each sample since when its present voltage has held.
 
 The device doesn't say which voltage that is. Voltage j is handed over at H_j in the device's count, and takes at least the
 shortest way c from there: what has held since a is the last change of the voltage with H_j + c <= a.
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 
-_APART = 1e-9  # s; between voltages of which each replaced the one before at once
+_APART = 1e-9  # s; between voltages that replaced each other at once
 _WHOLE = 2e-6  # s; a board counts whole microseconds: of the time of a sample, and of that of a voltage
 
 

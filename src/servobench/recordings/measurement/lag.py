@@ -1,8 +1,7 @@
 """How much a measurement chain delays a speed: the first moment of its impulse response.
 
-The moments of lag and chain add up, by algebra, as those of any two responses one after the other do. A model K/(τ's + 1) that is
-fitted without a delay has to take the whole lag for its own: τ' = τ + L, exactly so where the area above the step response is
-compared.
+The first moments of responses in series add up, by algebra. A model K/(τ's + 1) fitted without a delay has to include the whole
+lag: τ' = τ + L, exactly if the area above the step response is compared.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The verb `measure`: from what happened to what identification works on."""
+"""The verb `measure`: from a recording to a dataset."""
 
 from __future__ import annotations
 
@@ -41,24 +41,26 @@ from servobench.recordings.recording import Recording
 def measure(recording: Recording, chain: Chain | str | None = None, starts_at_rest: bool = False) -> Dataset:
     """Return a recording's input and output as identification data.
 
-    The output channel becomes a position or a speed in SI units: counts are unwrapped where the counter's width is known, moved
-    to the middle of their bins, and turned into rad where the counts in a revolution are known. Then come the stages of `chain`
-    (a text such as `derivative | lowpass 50 rad/s`, or none). What the recording says was done to the channel before it was
-    written, its own `chain`, isn't done again. A prediction goes through both.
+    The output channel becomes a position or a speed in SI units: counts are unwrapped if the counter's width
+    is known, moved to the middle of their bins, and converted to rad if the counts per revolution are known.
+    Then the stages of `chain` are applied (a text such as `derivative | lowpass 50 rad/s`, or none). The
+    recording's own `chain` was applied before it was written, and isn't applied again. A prediction goes
+    through both.
 
     Stages act on SI units or counts. `unwrap` with a modulus in counts at the front acts before counts become rad.
     A `scale` with a unit (`scale 0.17578125 deg/count`) is a conversion: the dataset is in the new unit, and so are predictions.
-    Where the loop noted when the device had taken each voltage (the channel `written`), that is when the input begins to hold,
-    and the output's times are those at which the device says that it latched (`latched`).
-    A channel that is recognised as the armature's current comes along at the times of the output, as `current`.
-    Of an output that is refreshed more seldom than it was recorded, the samples are those that are new.
-    A record that begins in mid-motion, with nothing said of the input before it, begins for the output a few samples later than
-    for the input: what the first samples answer to is not in the file. `starts_at_rest` says that the shaft rests when the
-    record begins, and that the input was zero until then, where the recording doesn't say so itself.
-    What is left out, or looks wrong, is told by a finding; rows are those of the channel, counted from 1.
+    If the loop recorded when each write returned (the channel `written`), the input begins to hold at that
+    time, and the output's times are the device's own latch times (`latched`). A channel recognised as the
+    armature's current is included as `current`, at the times of the output. If an output is updated less
+    often than it is logged, only the new samples are kept. If a record begins in mid-motion and the input
+    before it isn't known, the output begins a few samples later than the input: the first samples respond to
+    an input that isn't in the file. `starts_at_rest` says that the shaft is at rest when the record begins,
+    and that the input was zero until then, if the recording doesn't say so itself. Findings report what is
+    left out or looks wrong; rows are those of the channel, counted from 1.
 
-    Raises `MissingInformation` where roles, units or times aren't known; `UsageError` where times don't increase, the output is
-    neither a position nor a speed, or a stage can't act on it; `NotIdentifiable` for fewer than two samples of the output.
+    Raises `MissingInformation` if roles, units or times aren't known; `UsageError` if times don't increase,
+    the output is neither a position nor a speed, or a stage can't act on it; `NotIdentifiable` for fewer than
+    two samples of the output.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:
@@ -110,7 +112,7 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
 
 
 def _reference(recording: Recording, t: Array) -> Array | None:
-    """What a loop was told to follow at the times t (N,) [s], in SI units: the value before, or the first one."""
+    """A loop's reference at the times t (N,) [s], in SI units: the value before, or the first one."""
     if recording.reference is None:
         return None
     series = recording[recording.reference]
@@ -129,7 +131,7 @@ def _reference(recording: Recording, t: Array) -> Array | None:
 
 
 def _reference_unit(recording: Recording) -> str | None:
-    """The SI unit of what a loop was told to follow."""
+    """The SI unit of a loop's reference."""
     unit = recording[recording.reference].channel.unit if recording.reference is not None else None
     return None if unit is None else unit_named(unit).si
 

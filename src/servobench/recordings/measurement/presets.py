@@ -1,7 +1,7 @@
 """The chains of known devices: what lies between the shaft and the speed that a device reports, each with its source.
 
-Only what a public source says is here; a device that is missing has no figures that could be found. The text is that of a chain
-for a speed, with the device's own defaults: who changed its settings writes the stages out instead.
+Each entry has a public source; for devices that are missing, no published figures were found. The text is a chain for a speed,
+with the device's default settings: if you changed them, write the stages out instead.
 """
 
 from __future__ import annotations

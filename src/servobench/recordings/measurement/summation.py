@@ -16,7 +16,7 @@ from servobench.recordings.measurement.lowpass import Lowpass
 
 _FEWEST = 20  # samples
 _REGULAR = 0.01  # of the sample time; a speed over two samples is summed at regular times only
-_LOST = 1.5  # sample times between rows: one is missing, and nobody knows what was counted in it
+_LOST = 1.5  # sample times between rows: one is missing, and its counts aren't known
 _OFF = 0.05  # of a count; what printing with a few digits leaves
 _SHARP = 1e-6  # of a quantum, below the standard deviation of any gain of a real motor
 _CHANCE = (
@@ -81,7 +81,7 @@ def _without_lowpass(data: Dataset, stage: Lowpass) -> Iterator[tuple[Array, int
     y, before = data.y[1:], data.y[:-1]
     first = np.zeros(
         1
-    )  # nobody knows what came before the first sample; the first value of a speed isn't summed
+    )  # the sample before the first one isn't known; the first value of a speed isn't summed
     if stage.discretisation == "tustin":
         both = ((1.0 + 0.5 * h) * y - (1.0 - 0.5 * h) * before) / (0.5 * h)
         yield np.concatenate([first, both]), 2, how  # x[k] + x[k-1]

@@ -1,4 +1,4 @@
-"""When a sample was latched and a voltage written, out of what was recorded of each."""
+"""When a sample was latched and a voltage written, from the recorded times."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def write_times(recording: Recording, t: Array) -> Array | None:
 
 
 def latch_times(recording: Recording, t: Array) -> Array | None:
-    """Return when the device latched the samples of times t (M,) [s], which is when the loop asked for them or later.
+    """Return when the device latched the samples of times t (M,) [s]: when the loop asked for them, or later.
 
     A device that keeps the host's time says it in a channel `latched` [s], in a count that began at another time. A sample can't
     be
@@ -46,7 +46,7 @@ def latch_times(recording: Recording, t: Array) -> Array | None:
 
 
 def host_delay(recording: Recording, t: Array) -> float:
-    """Return by how much a delay may be too short because nobody knows when within a call the device did it [s], on average.
+    """Return how much too short a delay may be on average [s], as the time within a call at which the device acts isn't known.
 
     With the times t (N,) [s] of the samples: as long as it took to write, where the loop noted when it handed each voltage over
     and the device when it latched, or else from sample to voltage. 0 where a recording has no times of writing.

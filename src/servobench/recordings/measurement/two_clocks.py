@@ -1,9 +1,10 @@
-"""The host's clock and a device's, compared by samples that carry the time of the one and arrive at a time of the other.
+"""The host's clock and a device's, compared by samples stamped by one and received by the other.
 
-A sample of the device's time t_k arrives at the host's time h_k = t_k + offset + drift t_k + w_k, with w_k >= 0 its way: the
-cable, the driver, and how late the computer woke. Ways are never negative, so the line below all h_k - t_k that lies closest to
-them on average is that of the shortest ways (Moon, Skelly and Towsley 1999, Estimation and removal of clock skew from network
-delay measurements, INFOCOM, section IV). A few samples that come late don't move it, as they would a fit by least squares.
+A sample of the device's time t_k arrives at the host's time h_k = t_k + offset + drift t_k + w_k, with w_k >= 0 its transfer
+time: the cable, the driver, and the late wake-up of the computer. Transfer times are never negative, so the line below all h_k
+- t_k that is closest to them on average is that of the shortest transfers (Moon, Skelly and Towsley 1999, Estimation and
+removal of clock skew from network delay measurements, INFOCOM, section IV). A few late samples don't move it, unlike a
+least-squares fit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Wraps in a column: taking them out, and telling where they may have been missed."""
+"""Wraps in a column: their removal, and the places where some may have been missed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _wraps_in_a_longer_range(column: Column, stage: Unwrap, found: Unwrapped) ->
 
 
 def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]:
-    """Return a finding where a position, in SI units or in counts, seems to wrap: told, not repaired.
+    """Return a finding if a position, in SI units or in counts, seems to wrap: reported, not repaired.
 
     It has to stay within one modulus (a turn, or a usual width of a counter), jump by more than half of it, and go on
     after each jump as it went before.

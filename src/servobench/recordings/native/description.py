@@ -1,8 +1,7 @@
-"""What a native file says about a recording beside its samples: JSON texts in MCAP metadata records, each with a checksum.
+"""The description of a recording in a native file: JSON texts in MCAP metadata records, each with a checksum.
 
-What is known before the first sample stands before it (`Opening`), so that a torn file can still be read; why the
-recording ended stands after the last one (`Ending`). What happened meanwhile stands between them, before the samples that it
-concerns (`RecordedEvent`).
+Information known at the start comes before the first sample (`Opening`), so that a torn file can still be read; the reason for
+the end comes after the last one (`Ending`). Events come in between, before the samples that they concern (`RecordedEvent`).
 """
 
 from __future__ import annotations

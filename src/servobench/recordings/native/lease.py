@@ -1,4 +1,4 @@
-"""A lock that says "somebody is writing this file now"; the system lets go of it where its process ends, however that ends."""
+"""A lock that marks a file as being written; the system releases it when the process ends, however it ends."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def hold(file: BinaryIO) -> bool:
 
 
 def share(file: HasNumber) -> bool:
-    """Lock an open file beside others who share it, so that nobody can `hold` it; return whether that is possible where it is."""
+    """Lock an open file together with others, so that no process can `hold` it; return whether its file system allows that."""
     return _lock(file, shared=True) is not False
 
 
@@ -43,7 +43,7 @@ def is_held(path: str | os.PathLike[str]) -> bool:
 
 
 def _lock(file: BinaryIO | HasNumber, *, shared: bool) -> bool | None:
-    """Take the lock without waiting for it: True, False where somebody else has it, None where there are no locks."""
+    """Take the lock without waiting: True, False if another process has it, None if there are no locks."""
     try:
         if sys.platform == "win32":
             _lock_on_windows(file)

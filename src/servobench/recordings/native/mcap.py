@@ -48,7 +48,7 @@ class Op(IntEnum):
 
 
 class Damaged(Exception):
-    """Bytes that don't hold what they should; whoever reads the file decides what that means for it."""
+    """Invalid bytes; the reader of the file decides what that means for it."""
 
 
 def record(op: Op, *parts: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""An MCAP file that grows: whole up to the last chunk at any moment, and with a summary once it is closed."""
+"""A growing MCAP file: complete up to the last chunk at any moment, with a summary once it is closed."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class McapFile:
         self._span: tuple[int, int] | None = None
         self._failure = ""
         self._file = _new_file(self.part)
-        hold(self._file)  # where there are no locks, nobody can be told that the file is being written
+        hold(self._file)  # without locks, other processes can't see that the file is being written
         try:
             self._put(mcap.MAGIC + mcap.header(library))
         except StorageError:

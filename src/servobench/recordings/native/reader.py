@@ -1,4 +1,4 @@
-"""Reads the native file: a whole one, and as much of a torn one as is right."""
+"""Reads the native file: a complete one, or the intact part of a torn one."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class _PartialRecording:
 
 @dataclass
 class _Scan:
-    """The recordings so far, the bytes up to which everything is right, and what isn't right there, if anything."""
+    """The recordings so far, the number of intact bytes, and the damage after them, if any."""
 
     recordings: list[_PartialRecording] = field(default_factory=list)
     right: int = 0
@@ -168,7 +168,7 @@ def _collect(file: BinaryIO, size: int) -> _Scan:
 
 
 def _take(recordings: list[_PartialRecording], name: str, entries: dict[str, bytes]) -> None:
-    """Take a metadata record: ours begin a recording, tell an event or end it; others are somebody else's, and no matter."""
+    """Process a metadata record: our own begin a recording, report an event or end it; all others are ignored."""
     if name == OPENING:
         if recordings and recordings[-1].ending is None:
             raise Damaged("a recording begins before the previous one has ended")
@@ -232,7 +232,7 @@ def _check_kind(path: Path, file: BinaryIO, size: int) -> None:
         )
 
 
-def is_of_others(head: bytes) -> bool:
+def is_foreign_mcap(head: bytes) -> bool:
     """Return whether a file that begins like this is an MCAP file of another program, as its header says."""
     file = io.BytesIO(head)
     if file.read(len(mcap.MAGIC)) != mcap.MAGIC or len(head) < len(mcap.MAGIC) + mcap.RECORD_HEAD:

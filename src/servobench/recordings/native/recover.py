@@ -1,4 +1,4 @@
-"""Recovers a torn recording: what is right in it, as a whole file beside it or in its place."""
+"""Recovers a torn recording: its intact part, as a complete file beside it or in its place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes recordings to the native file, whole ones or as they happen."""
+"""Writes recordings to the native file, at once or during a run."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class HostClock:
     def start(self, sample_time: float) -> None:
         """Begin; tick 0 is a few ticks ahead."""
         self._sample_time = sample_time
-        # A float is a fraction of whole numbers, of which a product is exact.
+        # A float is a ratio of whole numbers, whose product is exact.
         self._ticks, self._nanoseconds = (Fraction(sample_time) * 1_000_000_000).as_integer_ratio()[::-1]
         self._allowed = int(self.ALLOWED_LATENESS * sample_time * 1e9)
         self._lost = 0  # ns by which the schedule was moved

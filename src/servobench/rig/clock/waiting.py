@@ -1,8 +1,8 @@
 """Two ways to wait for a deadline on the host: compiled on Linux, and with `time.sleep` everywhere else.
 
 Both sleep until shortly before it and spin for the rest: a wake-up from a sleep is some ten microseconds late where scheduling
-is real-time, and 75 µs in the median and 0.7 ms in one of a hundred where it isn't. The spin costs a part of a processor, and
-a real-time process that never sleeps is put to sleep by force: hence its limits.
+is real-time, and 75 µs in the median and 0.7 ms in one of a hundred where it isn't. Spinning costs processor time, and the
+system suspends a real-time process that never sleeps: hence its limits.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How late this computer wakes a process that sleeps: the limit that a loop's lateness is to be held against."""
+"""How late this computer wakes a sleeping process: the limit for the lateness of a loop."""
 
 from __future__ import annotations
 

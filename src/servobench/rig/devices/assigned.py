@@ -1,4 +1,4 @@
-"""The simulated motor that is assigned to somebody: a twin whose parameters only who has the secret can tell."""
+"""A simulated motor assigned to a student: a twin whose parameters only the owner of the secret can compute."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class AssignedSettings(Settings):
 
 @DEVICES.member(NAME)
 class Assigned:
-    """A simulated motor that belongs to somebody, as `servobench lab assess` assigns it; it doesn't tell its parameters.
+    """A simulated motor that belongs to somebody, as `servobench lab assess` assigns it; it doesn't reveal its parameters.
 
     It behaves as the twin with these parameters does. Raises `UsageError` for a secret that can't be read, or that others can.
     """

@@ -1,4 +1,4 @@
-"""The kind `devices`: what turns a voltage into motion, and counts it.
+"""The kind `devices`: each turns a voltage into motion, and counts it.
 
 A member is a class that `DEVICES.member(name)` decorates; `info.name` is that name.
 """
@@ -125,7 +125,7 @@ def value_text(value: object) -> str:
         return repr(float(value))
     try:
         shown = " ".join(repr(value).split())
-    except Exception:  # somebody's own __repr__, or an integer too long to be printed
+    except Exception:  # a custom __repr__, or an integer too long to be printed
         shown = "a value"
     shown = shown if len(shown) <= 40 else f"{shown[:37]}..."
     name = kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
@@ -152,10 +152,10 @@ DEVICES: Registry[type[Device]] = Registry("device", "servobench.rig.devices", "
 
 
 def connect(name: str, **settings: object) -> Device:
-    """Return the device of that name, to be used in a `with` statement.
+    """Return the device of that name, for use in a `with` statement.
 
     `settings` are the device's own, numbers in SI units or texts with a unit: `connect("twin", coulomb_torque="0.8 mN·m")`.
-    Raises `UnknownName`, which lists the devices, and `UsageError` for settings that the device hasn't or can't have.
+    Raises `UnknownName`, which lists the devices, and `UsageError` for unknown or invalid settings.
 
     >>> with connect("twin", disc_inertia="40 g*cm^2") as motor:
     ...     print(motor.info.name)
@@ -176,7 +176,7 @@ def connect(name: str, **settings: object) -> Device:
 
 
 def missing_settings(name: str, settings: Mapping[str, object]) -> tuple[str, ...]:
-    """Return a sentence for each setting that the device can't do without and that isn't given: its name, and what it is.
+    """Return a sentence for each required setting that is missing: its name, and what it is.
 
     Raises `UnknownName`, which lists the devices.
     """

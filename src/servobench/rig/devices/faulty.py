@@ -1,4 +1,4 @@
-"""A device with faults that somebody asked for: what an experiment, a guard or a lesson is tried against."""
+"""A device with injected faults, to test an experiment, a guard or a lesson."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from servobench.rig.devices.faults.base import (
     text_of,
 )
 
-SETTING = "faults"  # of a device's info, where the faults are told
+SETTING = "faults"  # of a device's info, which lists the faults
 
 
 class Faulty:
@@ -103,11 +103,11 @@ class Faulty:
         self._read, self._write = read, write
 
     def read(self) -> Sample:
-        """Return what is left of the device's next sample."""
+        """Return the device's next sample with its faults."""
         return self._read()
 
     def write(self, voltage: float) -> float:
-        """Hand the voltage [V] on, and return what is left of the device's answer."""
+        """Pass the voltage [V] on, and return the device's answer with its faults."""
         return self._write(voltage)
 
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""A device that is guarded: limits, monitors and a watchdog between whoever drives and the motor."""
+"""A guarded device: limits, monitors and a watchdog between the loop and the motor."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ class Guarded:
         self._elapsed = elapsed
 
     def read(self) -> Sample:
-        """Latch the inputs and look at them; a fault is put out before it is told. Raises `RunEnded` with "end"."""
+        """Latch and check the inputs; on a fault the output changes before the report. Raises `RunEnded` with "end"."""
         if self._fault is not None and self._ends:
             self._end()
         if self._start_voltage:
@@ -242,7 +242,7 @@ class Guarded:
     def stop(self) -> None:
         """Put out the terminate value, then stop the device; never raises.
 
-        Where the device's own stop fails, zero volts are written and it is told to stop again. Where that fails as well nothing
+        If the device's own stop fails, zero volts are written and stop is called again. Where that fails as well nothing
         is written any more, so that the device's own watchdog starves and stops the motor, and a fault is latched. Where one of
         these calls doesn't return, the device's stop and a write of zero volts are tried by other threads meanwhile.
         """
@@ -265,7 +265,7 @@ class Guarded:
         self._lamp.show_if_it_can(self.limits.terminate.light if self._fault is None else self._fault_light)
 
     def _rescue(self) -> AbstractContextManager[object]:
-        """What helps where a call doesn't return; in virtual time nothing turns, and nobody waits."""
+        """The remedies for a call that doesn't return; not needed in virtual time."""
         if not self._drives or self._timing == "virtual":
             return nullcontext()
         return Rescue((self._stop_device, partial(self._attempt, 0.0, locked=True)))
@@ -375,7 +375,7 @@ class Guarded:
             self._motion.applied = voltage_or_nan(answer)
 
     def _unwatch(self) -> None:
-        """End the watchdog: nobody is supposed to drive."""
+        """End the watchdog: the device isn't driven any more."""
         self._fed = self._fed_at = None
         if self._watcher is not None:
             self._watcher.end()

@@ -1,4 +1,4 @@
-"""A device whose calls are observed: which one is under way, and whether the last voltage that it took was zero."""
+"""A device with observed calls: which one is under way, and whether the last voltage was zero."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Experiments: what is asked for, as data, in Python and in TOML files."""
+"""Experiments as data, in Python and in TOML files."""
 
 from servobench.rig.experiment.experiment import PAPER, DeviceChoice, Experiment, WhenLate
 from servobench.rig.experiment.limits import Limits

@@ -1,4 +1,4 @@
-"""An experiment: what is asked for, before anything has happened."""
+"""An experiment: the plan of a run."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class WhenLate(Settings):
 
 
 class Experiment(Settings):
-    """What is asked for: a signal, a controller, a device, how long and how often.
+    """An experiment to run: a signal, a controller, a device, the duration and the sample time.
 
     Tick k is at k · sample_time, k from 0 to `samples` - 1. Without any argument it is a square wave of 1 to 3 V and 0.4 Hz for
     10 s at 500 Hz, in open loop, on the simulated QUBE-Servo.
@@ -102,7 +102,7 @@ class Experiment(Settings):
     device: DeviceChoice = DeviceChoice()
     """The device to run it on."""
     limits: Limits = Limits()
-    """What the device must not be asked for, and what ends a run that goes wrong."""
+    """The limits of the output, and the conditions that end a run."""
     when_late: WhenLate = WhenLate()
     """What is done about ticks that have gone by."""
     seed: Seed = 0
@@ -110,7 +110,7 @@ class Experiment(Settings):
     chain: Text = ""
     """Measurement chain through which the recording is to be looked at, such as `derivative | lowpass 50 rad/s`."""
     nominal: Text = ""
-    """Name of the data sheet that the result is held against."""
+    """Name of the data sheet that the result is compared with."""
     until: Text = ""
     """Interval at which the run ends before its time, such as `time_constant=0.5%` (half of the 95 % interval)."""
 

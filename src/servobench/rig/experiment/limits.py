@@ -1,4 +1,4 @@
-"""The limits of an experiment: what the device must not be asked for, and what ends a run that goes wrong."""
+"""The limits of an experiment: those of the output, and those that end a run if something goes wrong."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Slew: TypeAlias = Annotated[float, In("V/s"), Field(gt=0)]
 Gain: TypeAlias = Annotated[float, In("rad/(s·V)"), Field(gt=0)]
 
 
-LONGEST_TIMEOUT = 0.5  # s; a motor that nobody drives runs on for as long
+LONGEST_TIMEOUT = 0.5  # s; an undriven motor runs on for that long
 
 
 class Outputs(Settings):
@@ -48,7 +48,7 @@ class Outputs(Settings):
 
 
 class Watchdog(Outputs):
-    """When a device that nobody drives any more is cut off, and what it is put to then."""
+    """When a device that is no longer driven is cut off, and its output then."""
 
     timeout: Annotated[Time, Field(ge=0.02, le=LONGEST_TIMEOUT)] = 0.1
     """Longest time from one fresh actuation to the next: a voltage written after a new sample; 20 ms to 500 ms [s]."""
@@ -56,7 +56,7 @@ class Watchdog(Outputs):
     """Light once it was cut off."""
 
     def check_sample_time(self, sample_time: float) -> None:
-        """Raise `UsageError` for a sample time [s] of which it can't wait for two, as a loop in real time needs."""
+        """Raise `UsageError` for a sample time [s] above half of the timeout: a loop in real time needs two."""
         if not 2 * sample_time > self.timeout:
             return
         asked = f"limits.watchdog.timeout is {self.timeout:g} s; expected at least two samples of {sample_time:g} s"
@@ -84,9 +84,9 @@ class StallLimits(Settings):
 
 
 class Plausibility(Settings):
-    """The motor that the encoder is held against: a data sheet, or gain and time constant.
+    """The motor that the encoder is compared with: a data sheet, or gain and time constant.
 
-    Without either the device's own data sheet is taken, if it names one; where there is none, nothing is held against anything.
+    Without either, the device's own data sheet is used, if it names one; otherwise nothing is compared.
     """
 
     motor: str = ""
@@ -115,7 +115,7 @@ class Plausibility(Settings):
 
 
 class Limits(Settings):
-    """What the device must not be asked for, what ends a run, and what each output is put to.
+    """The limits of the output, the conditions that end a run, and the output values at start, end and fault.
 
     Voltage and slew are kept by clipping. Current, speed, travel, a stall, a step or a standstill of the encoder that no motor
     makes, and a loop that falls silent are faults: zero volts are put out, and the fault stays until it is acknowledged.
@@ -136,13 +136,13 @@ class Limits(Settings):
     stall: Annotated[StallLimits | None, none_for("off")] = StallLimits()
     """When a shaft counts as stalled; None (in a file "off") never."""
     plausibility: Annotated[Plausibility | None, none_for("off")] = Plausibility()
-    """The motor that the encoder is held against; None (in a file "off") for nothing."""
+    """The motor that the encoder is compared with; None (in a file "off") for nothing."""
     start: Outputs = Outputs()
     """What is put out once the first sample is due, until the run's first voltage; before that 0 V."""
     terminate: Outputs = Outputs()
     """What is put out in place of any voltage while a fault is latched, and as the last before the device is stopped."""
     watchdog: Watchdog = Watchdog()
-    """When a device is cut off that nobody drives any more, and what it is put to."""
+    """When a device that is no longer driven is cut off, and its output then."""
     driven_light: Light = "green"
     """Light while voltages are written."""
     fault_light: Light = "red"
@@ -154,7 +154,7 @@ class Limits(Settings):
         return min(max(self.start.voltage, -most), most)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Return what is worth knowing of limits that let a motor be driven while nobody drives it, or nobody watch a stall."""
+        """Return the findings about limits that drive a motor without a loop, or switch the stall monitor off."""
         found = []
         if self.start.voltage:
             found.append(

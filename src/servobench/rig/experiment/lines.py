@@ -58,7 +58,7 @@ class _Scanner:
         return self.at
 
     def _note(self, path: Path) -> None:
-        """Note the line of a path, and of what it is the first to mention on its way."""
+        """Note the line of a path, and of its parents that appear here first."""
         line = bisect_right(self.line_starts, self.at)
         for n in range(1, len(path) + 1):
             self.lines.setdefault(path[:n], line)

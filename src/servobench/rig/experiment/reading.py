@@ -1,4 +1,4 @@
-"""Reading an experiment from a TOML file; all mistakes are told at once, each with its line."""
+"""Reading an experiment from a TOML file; all mistakes are reported at once, each with its line."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _sentences(error: ValidationError | UsageError) -> list[tuple[KeyPath, str]]
 
 
 def _follows(problem: ErrorDetails, problems: Sequence[ErrorDetails]) -> bool:
-    """Whether an array is too short only because of mistakes in its items, each of which is told by itself."""
+    """Whether an array is too short only because of mistakes in its items, which are reported separately."""
     depth = len(problem["loc"])
     return problem["type"] == "too_short" and any(
         len(each["loc"]) > depth and each["loc"][:depth] == problem["loc"] for each in problems

@@ -1,4 +1,4 @@
-"""Who looks at each tick in the loop's own process: for commands, for the recorder, for the operator."""
+"""The checks at each tick in the loop's own process: for commands, for the recorder, for the operator."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class GuardTeller:
 
 @dataclass
 class RecorderWatch:
-    """Ends the run where the recorder failed or fell silent: nothing turns unrecorded, unless that was asked for.
+    """Ends the run if the recorder failed or is silent, unless the run may go on unrecorded.
 
     `rows` is the ring that it reads, `now` the monotonic time [ns].
     """
@@ -136,9 +136,9 @@ class RecorderWatch:
 
 @dataclass
 class OperatorWatch:
-    """Ends the run where nobody has shown that they are there for `timeout` [s].
+    """Ends the run if no operator has reported for `timeout` [s].
 
-    `rows` is the ring in which who is there leaves a mark, `now` the monotonic time [ns].
+    `rows` is the ring in which the operator leaves a mark, `now` the monotonic time [ns].
     """
 
     rows: RowRing
@@ -146,7 +146,7 @@ class OperatorWatch:
     now: Callable[[], int] = time.monotonic_ns
 
     def __call__(self, place: Place) -> Stopped | None:
-        """Return why the run ends where nobody is there any more, None where somebody is."""
+        """Return why the run ends if the operator is gone, otherwise None."""
         if self.now() - self.rows.get(OPERATOR_HEARTBEAT) <= self.timeout * 1e9:
             return None
         return Stopped(

@@ -1,4 +1,4 @@
-"""What a loop's process prints, as its device's driver does: read as it comes, so that nobody waits for a full pipe."""
+"""The output that a loop's process prints, for example from a device's driver: read at once, so that no full pipe blocks it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The loop's own process: `python -m servobench.rig.loop.child`, a `LoopSpec` in one line on its standard input.
 
-It opens the device, lets the ticks pass, and stops the motor however that ends. The end of its standard input means that the
+It opens the device, runs the ticks, and always stops the motor at the end. The end of its standard input means that the
 program that started it is gone. Its exit status is 0 where the run began, and that of the error where it didn't.
 """
 
@@ -57,7 +57,7 @@ RECORDER_PATIENCE = 30.0  # s; a process that starts on a busy machine
 
 
 class ToRing:
-    """Hands the ticks on to whoever reads the ring, and keeps account of their timing."""
+    """Passes the ticks on through the ring, and keeps account of their timing."""
 
     def __init__(self, rows: RowRing, row: RowMaker, width: int, account: Account) -> None:
         self._rows = rows
@@ -180,7 +180,7 @@ class _Loop:
                 reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked"
             )
 
-        # Last of all: a board that keeps the time sends samples from here on, whether or not somebody reads them.
+        # Last: from here on a board that keeps the time sends samples, whether or not they are read.
         device.start(experiment.sample_time, experiment.seed)
         stopped, error = outcome(carry_out, device)
         found = (*opened.findings, *steps.findings(), *account.findings())

@@ -34,7 +34,7 @@ CUT_SHORT = "recording-cut-short"
 def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> RecorderResult:
     """Write the whole file where the recorder is dead and the loop has ended: what its part holds, and the rest from the rings.
 
-    Rows are told apart by their numbers, so none stands twice and what the rings have lost is counted: `rows-not-recorded`.
+    Rows are identified by their numbers, so none is written twice and lost ones are counted: `rows-not-recorded`.
     The recording has the finding `recorder-died`. The part is removed once the file is whole, unless it can't be read and the
     rings don't hold the whole run any more.
     Raises `StorageError` where it can't be written; the part is kept then. So it does where the folder was removed meanwhile:

@@ -1,4 +1,4 @@
-"""Takes a run's rows and events out of their rings, and writes them to a native file; what it missed stands in the file."""
+"""Takes a run's rows and events out of their rings, and writes them to a native file, with the number of missed ones."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Drain:
     The file is begun when the event "opened" tells which device it is, or with `begun`, what is known of a recording already.
     With `duration` [s] it is `complete` once it holds the rows that were due for so long from the first one on; without, at the
     row that the word `RECORD_UNTIL` of the ring says.
-    Rows and events that the rings have lost meanwhile are told by an event of their own in the file, and by a finding at its end.
+    Rows and events lost in the rings are reported by an event of their own in the file, and by a finding at its end.
     Raises what `RecordingWriter` raises.
     """
 
@@ -83,7 +83,7 @@ class Drain:
         self._duration = duration
         self._due: float | None = None  # when the first row that is left out would be due [s]
         self.complete = False
-        """Whether it holds all that was asked for, though the run goes on."""
+        """Whether it contains the whole requested duration, although the run goes on."""
         self.begun = False
         self.rows = 0
         """How many rows are in the file."""
@@ -96,7 +96,7 @@ class Drain:
 
     @property
     def kept(self) -> int:
-        """The number of the first row that isn't in the file yet; those before it are, or are told as missed."""
+        """The number of the first row that isn't in the file yet; those before it are, or are reported as missed."""
         return self._rows.next
 
     def take(self) -> None:
@@ -197,13 +197,13 @@ class Drain:
             lost = self._rows.next - len(rows) - before
             if lost:
                 self._write_missed(ROWS_MISSED, before, lost)
-            if len(rows := self._as_long_as_asked(rows)):
+            if len(rows := self._rows_within_duration(rows)):
                 self.append(rows[:, : self._width])
             if self._rows.next == before:
                 break
 
-    def _as_long_as_asked(self, rows: Array) -> Array:
-        """The rows that were due before the time that is to be recorded is over."""
+    def _rows_within_duration(self, rows: Array) -> Array:
+        """The rows that were due within the duration to be recorded."""
         if self._duration is None or self._scheduled is None or not len(rows):
             return rows
         due = rows[:, self._scheduled]

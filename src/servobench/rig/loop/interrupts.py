@@ -1,6 +1,6 @@
-"""Ctrl-C in a terminal reaches all its processes; only the one that the user started says what it means.
+"""Ctrl-C in a terminal reaches all its processes; only the one that the user started acts on it.
 
-A child ignores it. From its start until it gets that far Python's own answer would be a traceback, so the signal waits: the
+A child ignores it. Before a child gets that far, Python's default would be a traceback, so the signal waits: the
 mask of blocked signals is inherited, and a signal that is ignored when it is let through is dropped (signal(7), POSIX.1-2017,
 section 2.4.1). Windows has no such mask.
 """

@@ -1,4 +1,4 @@
-"""Compiled kernels of the ring: one process publishes records, any number of others copy them, and nobody waits.
+"""Compiled kernels of the ring: one process publishes records, any number of others copy them, and none of them waits.
 
 The memory is laid out in `loop.segment`. Record n stands in slot n mod `slots`; `head` is how many are published. The writer
 
@@ -9,8 +9,8 @@ and a reader
     load head (acquire);  copy records;  fence (acquire);  load head again, as h
 
 A reader that sees head = n + 1 sees the whole of record n. While head is h, the writer may be writing record h over h - slots.
-Could a copy hold a word of record m, then head was m before that word was written (the writer's fence), and the reader finds
-h >= m after the copy (the reader's fence). So what was copied of records n > h - slots is whole, and all else is thrown away.
+If a copy contains a word of record m, then head was m before that word was written (the writer's fence), and the reader finds h
+>= m after the copy (the reader's fence). So copies of records n > h - slots are complete, and all others are thrown away.
 
 On x86-64 both fences only bind the compiler. ARM reorders stores with stores and loads with loads, and there they are
 instructions: a release store alone would let the next record's words overtake it, and an acquire load alone might be done before

@@ -1,4 +1,4 @@
-"""The end of a loop's process that hangs, by the system itself: nobody else may be left, and no code of Python's may run."""
+"""The system itself ends a loop's process that hangs: no other process may be left, and Python code may be blocked."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class LastResort:
     def with_parent(self, wanted: bool) -> None:
         """Let this process end at once with the one that started it, or no longer; Linux only.
 
-        It is for a device that is being opened, which may take long and puts out nothing: whoever hangs there isn't left behind.
+        It is for a device that is being opened, which may take long and puts out nothing: no hanging process is left behind.
         """
         if sys.platform == "linux":
             ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if wanted else 0), 0, 0, 0)
@@ -53,7 +53,7 @@ class CallsInRing:
 
     def __init__(self, rows: RowRing, sample_time: float, last_resort: LastResort) -> None:
         self._rows = rows
-        self._memory = rows.memory  # it stays while a call hangs, whoever closes the ring
+        self._memory = rows.memory  # it stays while a call hangs, even if another thread closes the ring
         self._set = rows._kernels.set_word
         self._last_resort = last_resort
         self._patience = RUN_PATIENCE + 2 * sample_time + _MARGIN

@@ -1,4 +1,4 @@
-"""Shared memory that killed runs left behind: what nobody holds any more is removed. Quick to import, for every command."""
+"""Removal of shared memory left behind by killed runs. Quick to import, for every command."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from servobench.recordings.native.lease import hold
 
 FOLDER = "/dev/shm"
 """Where Linux keeps shared memory. In a container it can be small, and to touch more than there is kills the process."""
-NEW = 5.0  # s; younger memory may belong to somebody who is just about to lock it
+NEW = 5.0  # s; a process may be about to lock younger memory
 
 
 def sweep() -> None:
-    """Remove what runs have left of which every process was killed; only Linux shows what there is.
+    """Remove the memory of runs whose processes were all killed; only Linux lists it.
 
     Each process of a run holds a lock on its memory (`lease.share`), which the system lets go of with the process; so this holds
     in another container that shares the memory, too. Never raises; takes about 0.1 ms.
@@ -30,7 +30,7 @@ def sweep() -> None:
 
 
 def _is_left(path: Path) -> bool:
-    """Whether nobody has the memory any more: its owner, whose number is in the name, nor a process that is attached."""
+    """Whether no process uses the memory any more: neither its owner, whose number is in the name, nor an attached one."""
     owner = path.name.split("-")[2]
     if not owner.isdigit() or _lives(int(owner)) or time.time() - path.stat().st_mtime < NEW:
         return False

@@ -86,10 +86,10 @@ class _Onlooker:
         now = time.monotonic()
         if self._watch is not None and now >= self._next_watch:
             self._next_watch = now + WATCH_INTERVAL
-            self._heed(self._call_watch(self._watch), "interrupted")
+            self._stop_loop(self._call_watch(self._watch), "interrupted")
         if self._look is not None and self._seen is not None and now >= self._next_look:
             self._next_look = now + LOOK_INTERVAL
-            self._heed(self._look(self._seen.so_far()), "finished")
+            self._stop_loop(self._look(self._seen.so_far()), "finished")
 
     def _call_watch(self, watch: Watch) -> str | None:
         ring = self._loop.ring
@@ -115,14 +115,14 @@ class _Onlooker:
             )
         )
 
-    def _heed(self, word: str | None, reason: Literal["finished", "interrupted"]) -> None:
+    def _stop_loop(self, word: str | None, reason: Literal["finished", "interrupted"]) -> None:
         if word is not None and not self._told:
             self._told = True
             self._loop.stop(word, reason)
 
 
 class _RowsSoFar:
-    """Gathers the rows so far for somebody who looks at them as a recording."""
+    """Gathers the rows so far as a recording for `look`."""
 
     def __init__(self, loop: LoopProcess) -> None:
         self._width = loop.width

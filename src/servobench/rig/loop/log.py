@@ -24,7 +24,7 @@ def block_of(sample_time: float) -> int:
 class Log:
     """Gathers the ticks of a run in blocks of `block` for the recorder, and has them counted by the account.
 
-    `kept` keeps them for somebody who looks meanwhile.
+    `kept` keeps them for a `look` during the run.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Log:
         self._account.complete(ticks)
 
     def so_far(self) -> Recording:
-        """Hand on what is left, and return the recording so far; raises `UsageError` where the log doesn't keep it."""
+        """Pass on the remaining rows, and return the recording so far; raises `UsageError` if the log doesn't keep it."""
         if self._kept is None:
             raise UsageError("this run keeps no recording to look at: give `look`")
         if self._rows:
@@ -57,7 +57,7 @@ class Log:
         return self._kept.end(Stopped(reason="unknown", sentence="the run goes on"), self._account.findings())
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...] = ()) -> Recording:
-        """Hand on what is left, and return the recording with what was found."""
+        """Pass on the remaining rows, and return the recording with its findings."""
         if self._rows:
             self._flush()
         return self._recorder.end(stopped, (*self._account.findings(), *findings))

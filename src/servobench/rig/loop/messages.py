@@ -1,4 +1,4 @@
-"""What the loop's process and the program that started it say to each other: one JSON text each."""
+"""The messages between the loop's process and the program that started it: one JSON text each."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NOT_CLOSED = "close-failed"
 
 
 class Command(Settings):
-    """What a running loop is told: what is given changes at the next tick, what is left out stays.
+    """A command to a running loop: given fields change at the next tick, the others stay.
 
     A new signal begins at its own time 0. A new controller, or one with other gains, takes over without a bump where its law can.
     `stop` ends the run with that sentence.

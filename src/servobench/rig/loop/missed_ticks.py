@@ -1,4 +1,4 @@
-"""The rule about a run that misses too many ticks: nobody controls the motor any more."""
+"""The rule for a run that misses too many ticks: the motor is no longer under control."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of a run's recording before its first sample, and what its rows hold."""
+"""The description of a run's recording before its first sample, and the contents of its rows."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ ON_ITS_WAY = 0.016  # s
 class Spans:
     """The time from the first sample of a run to the last [s], by each clock that tells it, or None.
 
-    `sample_time` [s] is what was asked for. `ticks` is the difference of the times at which the two were due, `device` that of
+    `sample_time` [s] is the requested one. `ticks` is the difference of the times at which the two were due, `device` that of
     the samples' own times, `host` that of the computer's monotonic time at the two latches. `late` is how much later than the
     first the last sample came after its schedule, where the host kept the time [s], and `handed_on` says that samples are made
     elsewhere and handed on, so that the host sees them late by some milliseconds.

@@ -1,4 +1,4 @@
-"""Where a run is: one tick that is done, with all that belongs to it."""
+"""The state of a run at one finished tick."""
 
 from __future__ import annotations
 

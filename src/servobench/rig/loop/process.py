@@ -1,4 +1,4 @@
-"""The loop in its own process, as the program sees it: starts it, talks to it, waits for it, and always ends it."""
+"""The loop's process from the program's side: starts it, communicates with it, waits for it, and always ends it."""
 
 from __future__ import annotations
 
@@ -58,9 +58,7 @@ from servobench.rig.lost_device import DeviceLost, DeviceSilent
 SLOTS = 65536  # rows that a reader may be behind; a minute at 1 kHz
 COMMAND_SLOTS = 1024
 START_PATIENCE = 120.0  # s; a second interpreter and its kernels, on a busy machine
-END_PATIENCE = (
-    10.0  # s; how long a loop that was told to stop may take, as long as it goes on, before it is killed
-)
+END_PATIENCE = 10.0  # s; how long a running loop may take to stop before it is killed
 TERM_PATIENCE = 0.4  # s; how long a loop that is silent has for what SIGTERM makes it do, before it is killed
 DEATH_PATIENCE = 0.5  # s; a process in the middle of a system call may not even die
 LOOK_INTERVAL = 0.02  # s
@@ -216,13 +214,13 @@ class LoopProcess:
         return tuple(self._alarmed)
 
     def give_up(self) -> None:
-        """Let whoever is entering it, in another thread, get a `DeviceError` instead of waiting for the device."""
+        """Interrupt `__enter__` in another thread: it gets a `DeviceError` instead of waiting for the device."""
         self._given_up = True
 
     def rest(self) -> None:
         """End the loop at once, from any thread; the context's end tidies up after it. A loop that is silent is killed.
 
-        It also ends one that is being entered: whoever enters it gets a `DeviceError`.
+        It also ends one that is being entered: that `__enter__` raises a `DeviceError`.
         """
         self.give_up()
         with suppress(UsageError):  # another thread has closed the ring just now: it has ended
@@ -305,18 +303,18 @@ class LoopProcess:
         """Why it ended; None while it goes on."""
         self._listen()
         if self._ended is None and (self._undead or self._process.poll() is not None):
-            self._say_its_last_word()
+            self._report_unexpected_end()
         return None if self._ended is None else stop_reason(self._ended)
 
-    def _say_its_last_word(self) -> None:
-        """Say in place of a loop that is dead how it ended, if it didn't, for everybody who listens."""
+    def _report_unexpected_end(self) -> None:
+        """Report to all listeners how a dead loop ended, if it didn't do so itself."""
         with self._ending:
             if self._ended is None:
                 self._listen()  # what it said last
             if self._ended is not None:
                 return
             silence = self._silence
-            silence = silence and self._as_known_now(silence)
+            silence = silence and self._update_silence(silence)
             found: Finding = loop_died(self.ring) if silence is None else silence.finding()
             if silence is not None:
                 stopped = Stopped(reason="device_lost", sentence=f"the device failed: {silence.sentence}")
@@ -366,13 +364,13 @@ class LoopProcess:
             raise UsageError("this run wasn't recorded: give `record`")
         recording = self._complete_recording(*self._recording, stopped, say)
         if self._silence is not None:
-            raise DeviceSilent(self._as_known_now(self._silence).sentence, recording)
+            raise DeviceSilent(self._update_silence(self._silence).sentence, recording)
         if stopped.reason == "device_lost":
             raise DeviceLost(stopped.sentence.removeprefix("the device failed: "), recording)
         return recording
 
     def _at_rest(self) -> str:
-        """That the motor is stopped, and from when on, as far as the loop told it."""
+        """The stop of the motor and its time, as reported by the loop."""
         ended = self._ended
         when = "" if ended is None or ended.tick < 0 else f" from {ended.time:.2f} s on"
         return f"the motor is stopped (zero volts{when})"
@@ -409,18 +407,18 @@ class LoopProcess:
         if self._over_for_good:  # what its ring says of a call is no longer so
             return None
         silence = silence_of(self.ring, self.experiment.sample_time)
-        # Kept before it is told: whoever reads the words may press Ctrl-C before the telling has returned.
+        # Stored before the message: the user may press Ctrl-C before the call that prints it has returned.
         before, self._silence = self._silence, silence
         if silence is not None and (before is None or silence.zero_volts != before.zero_volts):
             self._warn(silence.warning)
         return silence
 
-    def _as_known_now(self, silence: Silence) -> Silence:
-        """A silence with what is known of the motor by now: what ended it may have put out zero volts."""
+    def _update_silence(self, silence: Silence) -> Silence:
+        """The silence with the present state of the motor: its end may have put out zero volts."""
         return replace(silence, zero_volts=bool(self.ring.get(ZERO_VOLTS)))
 
     def _warn_of_danger(self) -> None:
-        """Say at once what the loop found that somebody has to act on."""
+        """Report urgent findings of the loop at once."""
         _, findings = ending_from_json(self._ended.about) if self._ended is not None else (None, ())
         for finding in sorted(findings, key=lambda each: each.severity is not Severity.DANGER):
             told = finding.code in (LOOP_DIED, DEVICE_SILENT)
@@ -428,7 +426,7 @@ class LoopProcess:
                 self._warn(finding.sentence)
 
     def _danger_text(self) -> str:
-        """What somebody has to see to at the motor, by what the loop's end and its ring say; empty for nothing."""
+        """The urgent action needed at the motor, by the loop's end and its ring; empty if none."""
         if self._last_silence is not None:
             return replace(self._last_silence, zero_volts=self._confirmed).warning
         _, findings = ending_from_json(self._ended.about) if self._ended is not None else (None, ())
@@ -455,7 +453,7 @@ class LoopProcess:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(patience)
                 return
-        self._undead = True  # in a system call that nothing interrupts; nobody waits for that
+        self._undead = True  # in an uninterruptible system call, which isn't waited for
 
     def _process_waits(self) -> None:
         with suppress(subprocess.TimeoutExpired):
@@ -520,7 +518,7 @@ class LoopProcess:
         )
 
     def _check_recorder(self) -> None:
-        """Raise `StorageError` where the recorder died before it was ready, for which the loop waits before anything moves."""
+        """Raise `StorageError` if the recorder died before it was ready; until then nothing moves."""
         recorder = None if self._recording is None else self._recording[0]
         if recorder is None or recorder.running or self.ring.get(RECORDER_STATE) != NO_RECORDER:
             return
@@ -564,7 +562,7 @@ class LoopProcess:
                 self._over_for_good = True
 
     def _end_process(self) -> Silence | None:
-        """End the process; return the silence in which it was ended. The end of its input tells it that nobody is there."""
+        """End the process; return the silence in which it was ended. It ends with its input."""
         # One that is silent now counts as a device that failed, though the end of its input may wake it.
         silence = None if self._process.poll() is not None else self._look_for_silence()
         with suppress(OSError):
@@ -585,8 +583,8 @@ class LoopProcess:
         """End the process, and take note of what is known of the motor then."""
         self._end_loop()
         if self.ring.written and self._process.poll() is not None:
-            with suppress(ServobenchError):  # what it failed by was told, or nobody waits for it
-                self._say_its_last_word()
+            with suppress(ServobenchError):  # its error was reported, or isn't needed
+                self._report_unexpected_end()
         self._warn_of_danger()
         self._confirmed = bool(self.ring.get(ZERO_VOLTS))
         self._danger = self._danger_text()

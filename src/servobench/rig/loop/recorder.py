@@ -1,4 +1,4 @@
-"""Where the rows of a run go: into memory, or to a file without holding the loop up."""
+"""Recorders of a run's rows: in memory, or to a file without delaying the loop."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ class ToFile:
             raise self._failure
 
     def _write(self) -> None:
-        """Write block after block; after a failure, take them without writing, so that nobody waits."""
+        """Write block after block; after a failure, discard them, so that the loop doesn't wait."""
         while (rows := self._blocks.get()) is not None:
             if self._failure is None:
                 try:

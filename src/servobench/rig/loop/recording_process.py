@@ -1,9 +1,9 @@
 """The recorder, a process of its own: it reads the loop's rings and writes the native file; `python -m` this module.
 
-It gets one line of JSON on standard input (`RecorderSpec`), and says how it went in one line of JSON on standard output. What it
-needs is loaded before that line is read, so that one that was started beforehand begins at once. The end of its input means that
-nobody is left to tell it anything. It publishes its state, a heartbeat and how far the rows are safe as
-words of the ring of rows, at which the loop looks: where nothing can be written the loop hears of it first of all.
+It gets one line of JSON on standard input (`RecorderSpec`), and reports the outcome in one line of JSON on standard output. It
+loads everything before it reads that line, so a process started in advance begins at once. The end of its input means that the
+program is gone. It publishes its state, a heartbeat and the number of rows on disk in the ring of rows, so the loop learns
+first if nothing can be written.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ LAST_WORDS = 40  # looks for which the loop's last word is waited for, once some
 STOPPING = 40  # looks for which a file that failed is kept open while the loop stops its motor
 
 PATIENCE = 10.0  # s; how long a recorder may take to finish its file before it is killed, and the file completed from memory
-SLOW = 1.0  # s; from then on whoever waits for it is told
+SLOW = 1.0  # s; after that the waiting program gets a message
 
 TOO_EARLY = Stopped(
     reason="error",
@@ -124,7 +124,7 @@ class Signs(Protocol):
         ...
 
     def alone(self) -> bool:
-        """Return whether nobody is left to tell the recorder anything."""
+        """Return whether the recorder has lost both the loop and the program."""
         ...
 
     def end_wanted(self) -> bool:
@@ -148,7 +148,7 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
         drain.take()  # what came since the last look, where no last word ends the run
         _publish(drain, rows)
         found = (loop_died(rows),) if stopped is SILENT else (ENDED_EARLY,)
-        is_there = drain.end(*(_as_asked(spec, drain) or drain.ended or (stopped, found)))
+        is_there = drain.end(*(_early_end(spec, drain) or drain.ended or (stopped, found)))
     except BaseException:
         rows.set(RECORDER_STATE, FAILED)
         _wait_for_rest(rows, signs)
@@ -181,7 +181,7 @@ def _drain(spec: RecorderSpec, experiment: Experiment, rows: RowRing, events: Me
     )
 
 
-def _as_asked(spec: RecorderSpec, drain: Drain) -> tuple[Stopped, tuple[Finding, ...]] | None:
+def _early_end(spec: RecorderSpec, drain: Drain) -> tuple[Stopped, tuple[Finding, ...]] | None:
     """Why a recording ended before its run did; None where it didn't."""
     if not drain.complete or spec.late is None:
         return None
@@ -198,7 +198,7 @@ def _follow(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopped
     """
     looks = patience
     while looks and drain.ended is None and not drain.complete:
-        # Looked at before the rings: who has ended by now has pushed its last word before.
+        # Checked before the rings: a loop that has ended by now pushed its last message before.
         gone, over = signs.loop_gone(), rows.get(LOOP_STATE) == ENDED
         before = drain.taken
         drain.take()
@@ -215,7 +215,7 @@ def _follow(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopped
 
 
 def _publish(drain: Drain, rows: RowRing) -> None:
-    """Tell the loop how far the rows are safe, and that somebody is alive here."""
+    """Publish the number of rows on disk and a heartbeat for the loop."""
     if drain.begun:
         rows.set(ROWS_KEPT, drain.kept)
         rows.set(RECORDER_STATE, RECORDING)
@@ -317,7 +317,7 @@ def _load() -> None:
 
 
 def _clear_up(rows: RowRing, events: MessageRing, commands: str) -> None:
-    """Remove the memory of a run of which nobody else is left to do so."""
+    """Remove the memory of a run if no other process is left to do so."""
     rows.clear_up()
     events.clear_up()
     with suppress(UsageError), MessageRing.attach(commands) as ring:  # the loop may have removed it
@@ -352,7 +352,7 @@ class RecorderProcess:
             _input(self._process).flush()
 
     def dismiss(self) -> None:
-        """End one that was never told to begin: it has nothing to lose."""
+        """End a recorder that was never started: it has nothing to lose."""
         self._process.kill()
         self._process.communicate()
         self._errors.close()

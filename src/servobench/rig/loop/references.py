@@ -1,4 +1,4 @@
-"""What a controller is to follow: a signal at the scheduled times of the ticks."""
+"""The reference of a controller: a signal at the scheduled times of the ticks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What asks a process to end beside Ctrl-C: each is to stop the motor first."""
+"""The signals besides Ctrl-C that ask a process to end: each stops the motor first."""
 
 from __future__ import annotations
 

@@ -74,23 +74,26 @@ def run(
     watch: Watch | None = None,
     look: Look | None = None,
 ) -> Recording:
-    """Carry out an experiment on a connected device, and return what happened.
+    """Carry out an experiment on a connected device, and return the recording.
 
-    Each tick latches sample k at t_k, asks the controller, and writes u[k], which holds to t_k+1. The reference is the signal at
-    the scheduled time. The recording has `commanded` (the controller's word), `applied` (what the device says it put out),
-    `counts`, `tachometer` and `current` where the device has them, `scheduled`, `late`, `saturated` (a limit stood between), in
-    real time `handed` and `written` (when the device was given the voltage, and had taken it, by the host's clock), `latched`
-    (the device's own time of the sample, where the host keeps the time) or `received` (the host's, where the device does), and
-    with a controller its `reference`, all at the samples' actual times.
+    Each tick latches sample k at t_k, computes the controller's voltage u[k] and writes it; it holds to
+    t_k+1. The reference is the signal at the scheduled time. The recording has `commanded` (the controller's
+    voltage), `applied` (the voltage that the device reports), `counts`, `tachometer` and `current` if the
+    device has them, `scheduled`, `late` and `saturated` (changed by a limit). In real time it also has
+    `handed` and `written` (the beginning and the return of the write, by the host's clock), and `latched`
+    (the device's own time of the sample, if the host keeps the time) or `received` (the host's, if the device
+    does); with a controller, its `reference`. All are at the samples' actual times.
 
-    With `to`, the recording is streamed to that native file as it happens, and read back at the end; an endless experiment needs
-    it. `clock` is the one that the device asks for; a virtual device runs by any. `watch` is called ten times in a second, `look`
-    twice; to look at the data holds the loop up, so that only a device in virtual time allows it.
+    With `to`, the recording is streamed to that native file during the run, and read back at the end; an
+    endless experiment needs it. `clock` is by default the one that the device needs; a virtual device runs by
+    any. `watch` is called ten times per second, `look` twice. Looking at the data holds the loop up, so only
+    a device in virtual time allows `look`.
 
-    However it ends, the device is stopped first. The end of the experiment, Ctrl-C, a word from `watch`, the device's own
-    (`RunEnded`) and a voltage that isn't finite are results: `stopped` says which. Raises `DeviceLost`, which carries the
-    recording so far, where the device fails on the way; `StorageError` where nothing more can be written, what was written being
-    kept; `UsageError` before anything moves. Any other error passes through, after the file is closed.
+    However the run ends, the device is stopped first. The end of the experiment, Ctrl-C, a stop by `watch` or
+    by the device (`RunEnded`) and a voltage that isn't finite are results: `stopped` says which. Raises
+    `DeviceLost`, with the recording so far, if the device fails during the run; `StorageError` if nothing
+    more can be written, what was written being kept; `UsageError` before anything moves. Any other error
+    passes through after the file is closed.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:
@@ -134,7 +137,7 @@ def run(
         *_attendants(experiment, log, watch, look),
     )
     try:
-        # Last of all: a board that keeps the time sends samples from here on, whether or not somebody reads them.
+        # Last: from here on a board that keeps the time sends samples, whether or not they are read.
         device.start(experiment.sample_time, experiment.seed)
     except BaseException:
         stop(device)
@@ -157,7 +160,7 @@ def run(
 
 
 def _check(experiment: object, device: object) -> None:
-    """Raise `UsageError` where a run is asked for with something else than an experiment and a device."""
+    """Raise `UsageError` if the arguments aren't an experiment and a device."""
     if getattr(experiment, "signal", None) is None:  # what is like an experiment will do
         raise UsageError(
             f"{experiment!r} isn't an experiment; expected an Experiment, such as load_experiment(FILE)"

@@ -1,4 +1,4 @@
-"""Real-time scheduling of the process that runs the loop: what it may have, and what it may not and why."""
+"""Real-time scheduling of the loop's process: what was granted, and what was denied and why."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def real_time(*, priority: int = PRIORITY, cpu: int | None = None) -> Scheduling
     In this order: the garbage collector looks at what there is a last time and is switched off; timers ring to the nanosecond
     rather than within 50 µs; the process stays on one processor, `cpu`, or else the last of those that it may use (interrupts
     are mostly served by the first); its memory stays in place (mlockall); and it goes before all others (SCHED_FIFO at
-    `priority`, from 1 to 99, or the highest that is permitted). What isn't permitted is left out and told.
+    `priority`, from 1 to 99, or the highest that is permitted). What isn't permitted is left out and reported.
 
     There is no way back: it is meant for a process that ends with its run. What it starts later is scheduled as usual.
     A process with real-time priority must rest in each of its ticks, as a computer with few processors hangs otherwise; and
@@ -126,7 +126,7 @@ def _lock_memory() -> str:
         raise _Denied("there is no such setting on this system")
     import resource
 
-    # Where the limit is finite, memory that is asked for later, beyond it, would be refused: the run would crash of its caution.
+    # With a finite limit, later requests for memory beyond it would fail: the precaution itself would crash the run.
     limit = _raise_limit(resource.RLIMIT_MEMLOCK)
     if limit != resource.RLIM_INFINITY and not _capable(_CAP_IPC_LOCK):
         raise _Denied(f"no more than {limit // 1024} KiB may be locked")
@@ -191,7 +191,7 @@ def _real_time_share() -> float:
 
 
 def _capable(capability: int) -> bool:
-    """Whether this process has a capability, whoever its user is."""
+    """Whether this process has a capability, independent of its user."""
     try:
         status = Path("/proc/self/status").read_text()
     except OSError:

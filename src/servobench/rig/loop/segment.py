@@ -47,9 +47,9 @@ _ours: set[str] = set()
 
 
 class Segment(SharedMemory):
-    """Shared memory that says nothing where somebody still holds an array in it: the mapping lives as long as that array.
+    """Shared memory that can be closed while an array in it is in use: the mapping lives as long as that array.
 
-    Each process that has it open shares a lock on it, by which the living are told from the dead (`leftovers`).
+    Each process that has it open shares a lock on it, which shows whether any of them is alive (`leftovers`).
     """
 
     _fd: int
@@ -64,9 +64,9 @@ class Segment(SharedMemory):
             super().close()
 
     def unlink(self) -> None:
-        """Remove the memory; whoever is attached keeps what it has."""
+        """Remove the memory; attached processes keep theirs."""
         _ours.discard(self.name)
-        with suppress(FileNotFoundError), _no_tracker():  # somebody may have cleared it away already
+        with suppress(FileNotFoundError), _no_tracker():  # it may have been removed already
             super().unlink()
 
     @property
@@ -78,8 +78,8 @@ class Segment(SharedMemory):
 def create(kind: str, slots: int, width: int) -> Segment:
     """Return new shared memory for `slots` records of `width` 64-bit integers, all zero; `kind` is one of `KINDS`.
 
-    It is called servobench-KIND-PROCESS-RANDOM, so that a leftover can be told by its name. Raises `StorageError` where there is
-    too little memory for it.
+    It is called servobench-KIND-PROCESS-RANDOM, so that a leftover can be recognised by its name. Raises `StorageError` where
+    there is too little memory for it.
     """
     size = 8 * (HEADER + slots * width)
     if os.path.isdir(FOLDER) and (free := shutil.disk_usage(FOLDER).free) < size:
@@ -124,7 +124,7 @@ def attach(kind: str, name: str) -> Segment:
 
 
 def _new(kind: str, size: int) -> Segment:
-    """New shared memory under a name that nobody has."""
+    """New shared memory under an unused name."""
     while True:
         # macOS takes no longer names.
         name = f"servobench-{kind}-{os.getpid()}-{secrets.token_hex(2)}"
@@ -147,7 +147,7 @@ def integers(segment: Segment) -> Memory:
 
 
 def _remove_ours() -> None:
-    """Remove at the end of the process what nobody came to remove, as where Ctrl-C came between two steps."""
+    """Remove leftover memory at the end of the process, for example after a Ctrl-C between two steps."""
     for name in tuple(_ours):
         with suppress(OSError):
             _open_untracked(name, create=False, size=0).unlink()
@@ -173,7 +173,7 @@ def _open_untracked(name: str, *, create: bool, size: int) -> Segment:
 
 @contextmanager
 def _no_tracker() -> Iterator[None]:
-    """Keep Python's tracker of shared memory from hearing of it; from 3.13 on it can be told so."""
+    """Keep the memory out of Python's tracker of shared memory; from 3.13 on there is an option for it."""
     if sys.version_info >= (3, 13):
         yield
         return

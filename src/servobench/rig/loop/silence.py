@@ -1,7 +1,8 @@
-"""A loop that is silent: the device, or whatever else its thread waits for, doesn't answer; and what is known of the motor then.
+"""A silent loop: the device, or something else that its thread waits for, doesn't answer; and what is known of the motor.
 
-The loop writes into the ring what its thread does, before and after each call of the device. Whoever started it reads that:
-nothing in the loop's process has to run for it, so that it also shows where an extension keeps the interpreter's lock.
+The loop writes the state of its thread into the ring, before and after each call of the device. The program that started it
+reads this state. Nothing in the loop's process has to run for it, so it works even if an extension keeps the interpreter's
+lock.
 """
 
 from __future__ import annotations
@@ -13,9 +14,7 @@ from servobench.core.finding import Finding, danger
 from servobench.rig.devices.observed import Call
 from servobench.rig.loop.ring import CALL, ZERO_VOLTS, RowRing
 
-PATIENCE = (
-    0.8  # s; after 0.1 s the watchdog has tried a write, after 0.3 s a stop, and within 1 s somebody is told
-)
+PATIENCE = 0.8  # s; after 0.1 s the watchdog has tried a write, after 0.3 s a stop, and within 1 s the user gets a message
 RUN_PATIENCE = 4.0  # s; from then on the loop's process is ended, as no call of a tick takes as long
 OPENING_PATIENCE = 30.0  # s; the same for a device that is being opened or started
 DEVICE_SILENT = "device-silent"
@@ -64,7 +63,7 @@ class Silence:
 
     @property
     def warning(self) -> str:
-        """The sentence in capitals, with what to do: for whoever stands beside the motor."""
+        """The sentence in capitals, with what to do, for the person at the motor."""
         return urgent(self.sentence, " if the motor turns" if self.call in _OPENING else "")
 
     def finding(self) -> Finding:

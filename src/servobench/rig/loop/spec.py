@@ -1,4 +1,4 @@
-"""What the loop's process is told at its start, as one line of JSON on its standard input."""
+"""The specification for the loop's process at its start, as one line of JSON on its standard input."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ WhenFaulted = Literal["end", "hold"]
 COLUMNS = 16  # of the ring; a row fills the first of them
 
 # What the words RECORDER_STATE and LOOP_STATE of the ring say.
-# ASKED: a recorder was told to begin and isn't attached yet; until it is, nobody else removes the memory.
+# ASKED: a recorder was started and isn't attached yet; until it is, no other process removes the memory.
 NO_RECORDER, RECORDING, FAILED, DONE, ASKED = 0, 1, 2, 3, 4
 STARTING, RUNNING, ENDED = 0, 1, 2
 
@@ -22,7 +22,7 @@ class LoopSpec:
     `missed_go_on` lets a run go on that misses too many ticks, where no motor can come to harm.
     `recorded` says that a recorder reads the rows; where it fails the run ends, unless `unrecorded_goes_on`. `when_faulted` ends
     a run at a fault, or holds zero volts until it's acknowledged. `enabled` lets the controller's voltage through from the start.
-    `operator_timeout` [s] ends the run where nobody has shown for as long that they are there; None where nobody needs to.
+    `operator_timeout` [s] ends the run if no operator has reported for that long; None if no operator is needed.
     `real_time` asks for real-time scheduling, on the processor `cpu` where it is given.
     """
 

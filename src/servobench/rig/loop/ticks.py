@@ -1,4 +1,4 @@
-"""The ticks of a run: wait, latch, ask the controller, put the voltage out, hand on. Whoever runs it, and wherever."""
+"""The ticks of a run: wait, latch, compute the voltage, write it, pass the row on; the same in every process."""
 
 from __future__ import annotations
 

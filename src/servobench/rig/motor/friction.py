@@ -1,4 +1,4 @@
-"""Coulomb friction between fixed steps: what a solver that takes steps does at standstill."""
+"""Coulomb friction for solvers with fixed steps: their treatment of standstill."""
 
 from __future__ import annotations
 

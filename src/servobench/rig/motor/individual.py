@@ -1,11 +1,12 @@
-"""A simulated motor of somebody's own: its parameters are drawn from a secret, an exercise and a name, the same ones for ever.
+"""An individual simulated motor: its parameters are always the same for a secret, an exercise and a name.
 
-The gain K, the time constant τ and the Coulomb voltage u_c are drawn, and with them the resistance R and the viscous friction b,
-each by a number of its own; what follows is the motor that has them,
+The gain K, the time constant τ, the Coulomb voltage u_c, the resistance R and the viscous friction b are drawn independently;
+the other parameters follow from them:
 
     k = (1 + √(1 - 4 K² R b)) / 2K,   J = τ (R b + k²)/R,   T_c = u_c k/R
 
-so that what is measured (docs/decisions/0027-assessment.md) is spread evenly over its range, and no two are tied to each other.
+so that the measured parameters (docs/decisions/0027-assessment.md) are spread evenly over their ranges and independent of each
+other.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ START_ANGLE = (-0.003, 0.003)
 
 @dataclass(frozen=True, kw_only=True)
 class Individual:
-    """What is somebody's own in a simulated motor: `resistance` [Ω], `motor_constant` [V·s/rad], `inertia` [kg·m²].
+    """The individual parameters of a simulated motor: `resistance` [Ω], `motor_constant` [V·s/rad], `inertia` [kg·m²].
 
     `viscous_friction` [N·m·s/rad], `coulomb_torque` [N·m], `start_angle` [rad]; `noise_seed` is the seed of its sensors' noise.
     """

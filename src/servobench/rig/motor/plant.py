@@ -1,4 +1,4 @@
-"""A motor in time: its state, and the voltages that are on their way to it."""
+"""A motor in time: its state, and the voltages in its delay line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A secret: a file with random bytes that only its owner reads. Who hasn't got it can't work out what is drawn from it."""
+"""A secret: a file with random bytes that only its owner can read. Without it nobody can compute the values drawn from it."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def read_secret(path: Path) -> bytes:
 
 
 def hash_words(secret: bytes, *words: str) -> bytes:
-    """Return 32 bytes that only who has the secret can tell: HMAC-SHA256 of the words, which are kept apart by their lengths."""
+    """Return 32 bytes that need the secret to compute: HMAC-SHA256 of the words, separated by their lengths."""
     parts = [word.encode("utf-8", "surrogatepass") for word in words]
     message = b"".join(len(part).to_bytes(4, "big") + part for part in parts)
     return hmac.new(secret, message, hashlib.sha256).digest()

@@ -1,4 +1,4 @@
-"""The kind `control`: what turns a reference and a sample into a voltage."""
+"""The kind `control`: each member turns a reference and a sample into a voltage."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What a control law makes of the shaft's angle, as a ratio of polynomials: taken from the law itself as it runs.
+"""The transfer function of a control law from the shaft's angle, as a ratio of polynomials, taken from the running law itself.
 
 Away from the voltage's limits and at even ticks a law is linear: x⁺ = A x + B θ, u = C x + D θ. Its difference equation is
-stated once, by its compiled step (`control.kernels`); A, B, C and D are that step's answers to each state alone, and to the
+stated once, by its compiled step (`control.kernels`); A, B, C and D are that step's responses to each state alone, and to the
 angle alone. From them follows, in fractions and so without rounding,
 
     u = -C(z) θ,   C(z) = -(C adj(zI - A) B / det(zI - A) + D)      (Faddeev and Leverrier, see Gantmacher 1959, chapter 4)

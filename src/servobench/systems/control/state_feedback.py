@@ -1,4 +1,4 @@
-"""State feedback of position and speed, with an integral part where it is wished."""
+"""State feedback of position and speed, with an optional integral part."""
 
 from __future__ import annotations
 

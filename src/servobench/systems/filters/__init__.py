@@ -1,1 +1,1 @@
-"""Speeds made of an encoder's counts: their noise, their lag, and what both do to a time constant that is read off them."""
+"""Speeds computed from an encoder's counts: their noise, their lag, and the effect of both on a time constant read off them."""

@@ -1,4 +1,4 @@
-"""What a first-order low-pass filter leaves of a sine: amplitude, power, decibels and phase."""
+"""A sine after a first-order low-pass filter: amplitude, power, decibels and phase."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from servobench.core.numbers import check_positive
 
 @dataclass(frozen=True, kw_only=True)
 class Attenuation:
-    """What is left of a sine: `amplitude` as a part of one [1], `phase` [rad], below zero where it comes late."""
+    """A sine after the filter: `amplitude` as a part of one [1], `phase` [rad], negative for a lag."""
 
     amplitude: float
     phase: float

@@ -1,4 +1,4 @@
-"""What makes a speed of a position, sample by sample."""
+"""Speed estimates: a speed from a position, sample by sample."""
 
 from __future__ import annotations
 

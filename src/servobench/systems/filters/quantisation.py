@@ -1,10 +1,10 @@
-"""The noise that an encoder's steps make in a speed that is constant: exact, at any speed, behind any chain.
+"""The noise of a constant speed due to an encoder's steps: exact, at any speed, behind any chain.
 
-At a constant speed ω the counts are floor(r k + φ), r = ω T/Δ. Nothing in them is random: what they miss is the saw-tooth
--frac(r k + φ), which depends on r by its fraction f alone. It is a sum of sines at n f cycles a sample, n = 1, 2, …, with
-amplitudes 1/(π n) counts, folded back below half a cycle a sample. So noise at a speed isn't white: it is a set of lines, and
-where one of them falls near zero frequency no low-pass filter takes it out.
-All formulas here follow from that saw-tooth by algebra (docs/decisions/0025-filters.md).
+At a constant speed ω the counts are floor(r k + φ), r = ω T/Δ. Nothing in them is random: their error is the sawtooth -frac(r k
++ φ), which only depends on the fraction f of r. It is a sum of sines at n f cycles per sample, n = 1, 2, …, with amplitudes
+1/(π n) counts, folded back below half a cycle per sample. So the noise at a given speed isn't white: it is a set of lines, and
+a low-pass filter can't remove a line near zero frequency. All formulas here follow from that sawtooth by algebra
+(docs/decisions/0025-filters.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a stage or a speed estimate does, from how it answers a single sample: response, lag and gain over frequency."""
+"""The properties of a stage or a speed estimate from its impulse response: response, lag and gain over frequency."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from servobench.core.numbers import check_positive
 from servobench.systems.filters.base import SpeedEstimate
 
 _SHORTEST, _LONGEST = 256, 1 << 20  # samples
-_GONE = 1e-14  # of the largest sample of a response: what is left is rounding
+_GONE = 1e-14  # of the largest sample of a response: the rest is rounding
 
 
 def impulse_response(estimate: SpeedEstimate, sample_time: float) -> Array:

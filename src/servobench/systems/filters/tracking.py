@@ -1,4 +1,4 @@
-"""Tracking filters: a position and a speed that are carried on by a model and corrected by each new position."""
+"""Tracking filters: a model predicts position and speed, and each new position corrects them."""
 
 from __future__ import annotations
 

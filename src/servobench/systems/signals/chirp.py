@@ -18,7 +18,7 @@ from servobench.systems.signals.edges import periods
 class Chirp(Settings):
     """offset + amplitude · sin(2π (f₀ τ + (f₁ - f₀) τ² / 2T) + phase), τ the time since the sweep began, T its length.
 
-    The sweep begins anew after T; before `start` the value is `offset`.
+    The sweep repeats after T; before `start` the value is `offset`.
 
     >>> import numpy as np
     >>> Chirp(amplitude=2, initial_frequency="1 Hz")(np.array([0.0, 0.25])).round(1)

@@ -22,9 +22,10 @@ _BLOCK = 2**18  # values of all harmonics at a time, 2 MB
 class Multisine(Settings):
     """offset + a · Σ cos(2π k f (t - start) + φₖ) over the harmonics k with lowest <= k f <= highest; `offset` before `start`.
 
-    `a` is such that the peak is `amplitude`: never more, at most 0.13 % less. Schroeder's phases φᵢ = -π i (i - 1) / N for the
-    i-th of N harmonics keep the peak small (Schroeder, IEEE Trans. Inf. Theory 16, 1970); random phases are uniform
-    in [0, 2π) and come from the signal's own seed. Odd harmonics alone leave the even ones for what isn't linear to show up.
+    `a` makes the peak equal to `amplitude`: never more, at most 0.13 % less. Schroeder's phases φᵢ = -π i (i
+    - 1) / N for the i-th of N harmonics keep the peak small (Schroeder, IEEE Trans. Inf. Theory 16, 1970);
+    random phases are uniform in [0, 2π) and come from the signal's own seed. With odd harmonics only,
+    nonlinearities show at the even ones.
 
     >>> Multisine(amplitude=3, frequency="0.5 Hz", lowest="0.5 Hz", highest="10 Hz").period
     2.0

@@ -24,11 +24,12 @@ _LAGS: dict[int, tuple[int, ...]] = {
 
 @SIGNALS.member("prbs")
 class PRBS(Settings):
-    """A linear feedback shift register of n bits moves on once in a `bit_time`; `high` for a bit 1, `low` for a bit 0.
+    """The output of a linear feedback shift register of n bits, shifted every `bit_time`: `high` for a bit 1,
+    `low` for a bit 0.
 
     The feedback polynomial is primitive, so the register passes through all 2ⁿ - 1 states other than zero before it repeats:
-    a period holds one bit 1 more than bits 0, and the autocorrelation of the bits, as ±1, is 1 at whole periods and
-    -1/(2ⁿ - 1) at all other lags (Golomb, Shift Register Sequences, 1967). `low` before `start`.
+    a period has one more bit 1 than bits 0, and the autocorrelation of the bits, as ±1, is 1 at whole periods
+    and -1/(2ⁿ - 1) at all other lags (Golomb, Shift Register Sequences, 1967). `low` before `start`.
 
     >>> PRBS(low=-3, high=3, order=7, bit_time="10 ms").period
     1.27

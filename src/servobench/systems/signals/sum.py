@@ -36,7 +36,7 @@ class Sum(Settings):
     def period(self) -> float | None:
         """The least common multiple of the parts' periods [s]; None where a part has none, or it is over a thousand of them."""
         common: float | None = None
-        # Each period is asked for once, as a part may be a sum itself.
+        # Each period is computed once, as a part may be a sum itself.
         for period in [part.period for part in self.parts if not isinstance(part, Constant)]:
             if period is None:
                 return None

@@ -1,4 +1,4 @@
-"""The gains for which a loop is stable once it is closed, all of them, with its delay as it is.
+"""All gains for which a closed loop is stable, with its exact delay.
 
 Poles of the closed loop cross the imaginary axis where L(jω) is real and negative, at the gain k = 1/|L(jω)|. The phase of L
 tells where: its slope over ω is a ratio of polynomials, so between the roots of a polynomial in ω² it only rises or only falls,

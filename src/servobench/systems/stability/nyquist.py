@@ -1,4 +1,4 @@
-"""Nyquist's criterion: whether a loop is stable once it is closed, from its open loop, delay and all, without an approximation.
+"""Nyquist's criterion: whether a closed loop is stable, from its open loop with the exact delay.
 
 The closed loop's poles are the zeros of F(s) = D(s) + N(s) e^(-s d). F has no poles, so that by the argument principle it has
 

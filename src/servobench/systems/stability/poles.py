@@ -1,8 +1,8 @@
-"""Poles with their multiplicity, and how exactly the coefficients place each.
+"""Poles with their multiplicity, and how exactly the coefficients determine each.
 
 A root of multiplicity m is found by any root finder to the m-th root of its precision only: -1 three times comes out as three
-roots 1e-5 apart. Whether roots that near are one is asked of the coefficients: is there a polynomial whose coefficients differ by
-no more than their rounding, with one root there m times? A root of multiplicity m of D is a simple root of D^(m-1), and found as
+roots 1e-5 apart. The coefficients decide whether such close roots are one: is there a polynomial whose coefficients differ by
+no more than their rounding, with an m-fold root there? A root of multiplicity m of D is a simple root of D^(m-1), and found as
 exactly as a simple one can be (Zeng, Math. Comp. 74, 2005).
 """
 
@@ -29,7 +29,7 @@ class Pole:
 
     @property
     def side(self) -> int:
-        """-1 in the left half-plane, 1 in the right, 0 where it can't be told from the imaginary axis."""
+        """-1 in the left half-plane, 1 in the right, 0 if it can't be distinguished from the imaginary axis."""
         return 0 if abs(self.at.real) <= self.uncertainty else (1 if self.at.real > 0 else -1)
 
 

@@ -1,6 +1,6 @@
 """A proportional controller around a motor: whether the loop is stable, and its margins, as it runs at ticks or on paper.
 
-Margins are those of Åström and Murray 2008, chapter 9; what a loop at ticks is `sampled_loop` says.
+Margins are those of Åström and Murray 2008, chapter 9; `sampled_loop` defines a loop at ticks.
 """
 
 from __future__ import annotations

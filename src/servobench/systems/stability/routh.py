@@ -20,7 +20,7 @@ from servobench.core.errors import UsageError
 
 _ROUNDING = Fraction(
     1, 2**50
-)  # relative; what is left of a difference of coefficients that cancel but for their last digits
+)  # relative; the difference of coefficients that are equal except for their last digits
 _FACTORS = tuple((a, power) for power in range(1, 5) for a in range(1, 6))  # (s + a)^power, tried in turn
 
 

@@ -1,4 +1,4 @@
-"""A sampled loop once it is closed: whether it is stable, with which gains it would be, and its bandwidth.
+"""A closed sampled loop: whether it is stable, the gains for which it is, and its bandwidth.
 
 It is stable where all poles z are inside of the unit circle (Franklin, Powell and Workman 1998, chapter 4).
 """

@@ -17,7 +17,7 @@ StabilityVerdict: TypeAlias = Literal["stable", "marginally stable", "unstable"]
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityReport:
-    """The poles [1/s] and their `multiplicities`, how many times each stands there; the verdict and its reasons.
+    """The poles [1/s] and their `multiplicities`; the verdict and its reasons.
 
     `reasons` has a sentence for each pole, one for a complex pair. The verdict is that of the poles: what the system does by
     itself. `bibo` says whether every bounded input gives a bounded output; `drive` is a bounded input for which it doesn't, and
@@ -37,9 +37,8 @@ def stability(system: TransferFunction) -> StabilityReport:
 
     Asymptotically stable if every pole has a negative real part. Marginally stable if the rightmost poles are simple and on the
     imaginary axis: some bounded input, a constant for an integrator, then drives the output without bound. Unstable otherwise.
-    BIBO stable if no pole outside the left half-plane is left that the numerator doesn't cancel, and the numerator's order isn't
-    above the denominator's. A delay doesn't change any of this. (Franklin, Powell and Emami-Naeini
-    2015, chapter 3.)
+    BIBO stable if the numerator cancels every pole outside the left half-plane, and its order isn't above the
+    denominator's. A delay doesn't change any of this. (Franklin, Powell and Emami-Naeini 2015, chapter 3.)
 
     >>> from servobench import TransferFunction
     >>> motor = TransferFunction(numerator=(20.0,), denominator=(0.1, 1.0))

@@ -1,4 +1,4 @@
-"""The kind `tuning`: a method that finds a controller for a motor and a wish."""
+"""The kind `tuning`: a method that finds a controller for a motor and a specification."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Tunable: TypeAlias = Pid | Lead | StateFeedback
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
-    """What is wished of a closed loop; None where nothing is said.
+    """The specification of a closed loop; None for unspecified values.
 
     `controller` is the law's name, `output` what it follows, `sample_time` [s] the time between its ticks, `voltage_limit` [V]
     what it may put out, `step` [rad or rad/s] a change of the reference that shall not ask for more than that. For pole
@@ -64,7 +64,7 @@ class Method(Protocol):
         ...
 
     def poles(self, wish: Wish) -> tuple[complex, ...]:
-        """Return the poles [1/s] of the closed loop that are wished for, both of a pair; raises `UsageError` as the call does."""
+        """Return the specified poles [1/s] of the closed loop, both of a pair; raises `UsageError` as the call does."""
         ...
 
     def poles_cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:

@@ -1,4 +1,4 @@
-"""λ-tuning: gains for a closed loop with a wished time constant λ, as it runs tick by tick.
+"""λ-tuning: gains for a sampled closed loop with a specified time constant λ.
 
 The speed gets a PI, the position a PD, whose zero cancels the motor's pole, so that the output rises as 1/(λs + 1) behind the
 dead time (Dahlin 1968; Skogestad 2003, whose rules are this one with the dead time to first order). Here the slowest pole is put
@@ -63,7 +63,7 @@ class _LambdaTuning:
 
 
 def _law(wish: Wish) -> tuple[type[Tunable], dict[str, Any], tuple[str, ...]]:
-    """The law that is wished, its settings but for the filter, and the gains to be found."""
+    """The requested law, its settings except the filter, and the gains to be found."""
     match wish.controller, wish.output:
         case "pid", "speed":
             return Pid, {"output": "speed"}, ("kp", "ki")

@@ -1,4 +1,4 @@
-"""The open loop of a controller around a motor as it runs, tick by tick, and its margins as far as the motor is known.
+"""The sampled open loop of a controller and a motor, and its margins with the uncertainty of the motor.
 
 Both halves are exact: what the controller computes is taken from the controller (`control.sampled_law`), and the motor is sampled
 with its hold and its delay (`sampled_loop`). docs/decisions/0028-sampled-loop.md says why.
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.systems.control.sampled_law import sampled_law
 from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.sampled_loop import (
@@ -24,6 +25,7 @@ from servobench.systems.transfer_function import TransferFunction
 from servobench.systems.tuning.base import Tunable
 
 _DRAWS = 400
+_HARDEST = 20
 UNITS = {
     "gain_margin": "1",
     "gain_margin_downwards": "1",
@@ -63,15 +65,39 @@ def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float
     `gain_margin` is the factor by which the gain may rise, `gain_margin_downwards` that by which it may fall, as 2 where half of
     the gain is the border of stability: infinite where less of it makes nothing unstable.
     """
-    law = sampled_law(controller, sample_time)
-    centre = (motor.gain.value, motor.time_constant.value, motor.delay)
-    motors = [centre, *map(tuple, motor.draws(_DRAWS).tolist())]
-    loops = [_around(law, k, tau, d, sample_time, controller.output) for k, tau, d in motors]
-    rows = np.array([_of_the_loop(loop) for loop in loops])
+    rows = _margins_over(motor.draws(_DRAWS), controller, motor, sample_time)
     # Infinite margins have no value between them: of the draws the nearest counts.
     low, high = np.quantile(rows[1:], (0.025, 0.975), axis=0, method="nearest")
+    return _with_units(rows[0], low, high)
+
+
+def least_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, LoopValue]:
+    """Return intervals that lie within those of `loop_margins`, ten times sooner.
+
+    They show a loop that is too fast for its `sample_time` [s]: the 2.5 % quantile of all draws is at most the same order
+    statistic of some of them. Those with the longest delay and the fastest acceleration, which are the hardest to control, come
+    nearest to it.
+    """
+    draws = motor.draws(_DRAWS)
+    hardest = [np.argsort(by)[-_HARDEST:] for by in (draws[:, 2], np.abs(draws[:, 0] / draws[:, 1]))]
+    rows = _margins_over(draws[np.union1d(*hardest)], controller, motor, sample_time)
+    ordered, beyond = np.sort(rows[1:], axis=0), round(0.025 * (_DRAWS - 1))
+    return _with_units(rows[0], ordered[beyond], ordered[-1 - beyond])
+
+
+def _margins_over(draws: Array, controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> Array:
+    """One row for the motor as it is estimated, then one for each of the draws."""
+    law = sampled_law(controller, sample_time)
+    centre = (motor.gain.value, motor.time_constant.value, motor.delay)
+    loops = [
+        _around(law, k, tau, d, sample_time, controller.output) for k, tau, d in [centre, *draws.tolist()]
+    ]
+    return np.array([_of_the_loop(loop) for loop in loops])
+
+
+def _with_units(values: Array, low: Array, high: Array) -> dict[str, LoopValue]:
     return {
-        name: LoopValue(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
+        name: LoopValue(value=float(values[n]), interval=(float(low[n]), float(high[n])), unit=unit)
         for n, (name, unit) in enumerate(UNITS.items())
     }
 

@@ -1,9 +1,9 @@
-"""Poles of a loop as it runs, tick by tick: gains that put them where they are wished, and where they then are.
+"""Pole placement for a sampled loop: gains for specified poles, and the resulting poles.
 
 A pole s [1/s] of the sampled loop is z = e^(sh). The voltage is linear in the gains g of a law, so that the poles wished for are
 roots of 1 + L(z) if  Σ g_i L_i(e^(sh)) = -1  at each of them, L_i the loop with the gain i = 1 alone: as many linear equations as
-gains, with hold, filter and delay in them. What poles these add falls where it falls, and is judged afterwards: the slowest poles
-of the loop have to be those wished for (docs/decisions/0033-placed-in-z.md).
+gains, with hold, filter and delay in them. The poles that these add aren't placed but checked afterwards: the slowest poles of
+the loop have to be the specified ones (docs/decisions/0033-placed-in-z.md).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _CLOSE = 0.1  # of a pole's size; nearer to each other poles count as a multiple
 
 @dataclass(frozen=True, kw_only=True)
 class Pole:
-    """A pole of the closed loop [1/s]: as wished, and as obtained, e^(sh) being a root of 1 + L(z)."""
+    """A pole of the closed loop [1/s]: `wished` is specified, `obtained` the root e^(sh) of 1 + L(z)."""
 
     wished: complex
     obtained: complex
@@ -92,7 +92,7 @@ def match_poles(
     wished: Sequence[complex],
     cancelled: Iterable[complex] = (),
 ) -> tuple[Pole, ...]:
-    """Return each pole wished for with the one obtained: of the loop's slowest, as many as are wished, the nearest.
+    """Return each specified pole with the one obtained: the nearest of the loop's slowest poles, as many as specified.
 
     Poles are the slower the nearer their real part is to zero. One that a zero of the law cancels isn't seen in how the output
     follows the reference, and is left out. All in 1/s, `sample_time` in s.

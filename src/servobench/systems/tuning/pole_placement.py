@@ -1,4 +1,4 @@
-"""Pole placement: gains that put the poles of the closed loop, as it runs tick by tick, where they are wished.
+"""Pole placement: gains for specified poles of the sampled closed loop.
 
 A position with k_p and k_d has two poles, with an integral part three, a speed with k_p and k_i two (Åström and Murray, Feedback
 Systems, 2nd ed. 2021, section 11.2). `placement` finds the gains, with hold, filter and delay. The
@@ -104,7 +104,7 @@ def _pair(wish: Wish) -> tuple[complex, ...]:
 
 
 def _both_of_pairs(wish: Wish) -> tuple[complex, ...]:
-    # One of a complex pair stands for both, and both may be said, too.
+    # One of a complex pair stands for both; both may also be given.
     poles = [*wish.poles]
     poles += [p.conjugate() for p in wish.poles if p.imag and p.conjugate() not in wish.poles]
     if not all(math.isfinite(abs(p)) and p.real < 0 for p in poles):
@@ -127,7 +127,7 @@ def _pole_text(pole: complex) -> str:
 
 
 def _law(wish: Wish, integral: bool) -> tuple[type[Tunable], dict[str, Any], tuple[str, ...]]:
-    """The law that is wished, its settings but for the filter, and the gains to be found, that of the speed first."""
+    """The requested law, its settings except the filter, and the gains to be found, that of the speed first."""
     settings: dict[str, Any]
     match wish.controller, wish.output:
         case "pid", "position":

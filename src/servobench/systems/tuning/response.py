@@ -19,7 +19,7 @@ from servobench.systems.tuning.base import Tunable
 from servobench.systems.tuning.loop import LoopValue
 
 _DRAWS = 40
-_RESOLUTION = 1e-9  # rad; finer than any encoder, as what is asked for is the loop's own course
+_RESOLUTION = 1e-9  # rad; finer than any encoder, for the response of the loop itself
 _LENGTHS = 12.0  # of the time that 1/gain crossover is, and of the motor's time constant
 _LEAST = 6.0  # times 1/gain crossover: a pair of poles has its overshoot after about π of these
 _MOST_TICKS = 20_000
@@ -106,7 +106,7 @@ def ticks_of(motor: FirstOrderMotor, sample_time: float, crossover: float) -> in
 
 
 def check_sample_time(poles: Sequence[complex], motor: FirstOrderMotor, sample_time: float) -> None:
-    """Raise `UsageError` for a sample time [s] far too short for a loop with the wished `poles` [1/s], before any is placed.
+    """Raise `UsageError` for a sample time [s] far too short for a loop with the specified `poles` [1/s], before placement.
 
     Below it neither the poles z = e^(sh), next to 1, nor the delay, thousands of ticks long, could be worked with. A crossover
     isn't beyond the sum of the poles' sizes, so that nothing is refused here that `ticks_of` would take.

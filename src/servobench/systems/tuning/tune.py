@@ -1,4 +1,4 @@
-"""The verb `tune`: a controller for an identified motor and a wish, with what is left of its margins; or why it can't be had.
+"""The verb `tune`: a controller for an identified motor and a specification, with its margins; or why there is none.
 
 What is refused, and why from there on, is told in docs/decisions/0019-control.md.
 """
@@ -19,7 +19,7 @@ from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import METHODS, Method, Tunable, Unreachable, Wish
-from servobench.systems.tuning.loop import LoopValue, loop_margins, nominal_margins
+from servobench.systems.tuning.loop import LoopValue, least_margins, loop_margins, nominal_margins
 from servobench.systems.tuning.placement import Pole, match_poles
 from servobench.systems.tuning.response import check_sample_time, step_response, ticks_of, unit_step
 
@@ -29,14 +29,12 @@ LEAST_PHASE, GOOD_PHASE = math.radians(30), math.radians(45)
 LEAST_FACTOR = 2.0
 """By which the gain may be off before a loop is unstable."""
 MOST_OFF = 0.03
-"""How far a pole may be from where it was wished, as a part of its distance from zero."""
+"""How far a pole may be from its specified place, as a part of its distance from zero."""
 _MOST_TURNED = (
     0.5  # rad of phase in a sample time at the gain crossover; beyond, the motor does much between two ticks
 )
 _FASTEST_POLE = 1.0  # rad in a sample time; a faster pole is gone in a tick or two
-_FARTHEST = (
-    1000.0  # times slower or faster than wished: as far as an answer is looked for, in steps of a twentieth
-)
+_FARTHEST = 1000.0  # times slower or faster than specified: the range of the search, in steps of a twentieth
 _STEP, _SLACK = 1.05, 1.01
 _TUNABLE = ("lead", "pid", "state_feedback")
 
@@ -156,7 +154,7 @@ def _beyond_the_ticks(finder: Method, wish: Wish) -> str:
 
 
 def _off(controller: Tunable, wish: Wish, poles: tuple[Pole, ...]) -> str:
-    """Why the poles aren't those wished for, in a clause, or nothing."""
+    """Why the poles aren't the specified ones, in a clause, or nothing."""
     worst = max(poles, key=lambda pole: pole.off)
     if worst.off <= MOST_OFF:
         return ""
@@ -219,14 +217,14 @@ def _nearest(finder: Method, motor: FirstOrderMotor, wish: Wish) -> str:
     """What the nearest loop is that can be had by a slower or a faster wish, to a twentieth; empty where there is none."""
     for n in range(1, math.ceil(math.log(_FARTHEST) / math.log(_STEP))):
         for factor, word in ((_STEP**n, "fastest"), (_STEP**-n, "slowest")):
-            if _can_be_had(finder, motor, wish.slower(factor)):
+            if _is_feasible(finder, motor, wish.slower(factor)):
                 # Beyond by more than the rounding of what is printed.
                 told = finder.speed_text(wish.slower(factor * (_SLACK if factor > 1 else 1 / _SLACK)))
                 return f"; the {word} possible is about {told}"
     return ""
 
 
-def _can_be_had(finder: Method, motor: FirstOrderMotor, wish: Wish) -> bool:
+def _is_feasible(finder: Method, motor: FirstOrderMotor, wish: Wish) -> bool:
     if _beyond_the_ticks(finder, wish):
         return False
     try:
@@ -240,8 +238,11 @@ def _can_be_had(finder: Method, motor: FirstOrderMotor, wish: Wish) -> bool:
         return False
     if wish.step is not None and _too_high(found, wish, _peak(found, motor, wish, nominal)):
         return False
-    # The intervals cost hundreds of times more: only of what can be had without them.
-    return not _too_fast(found, motor, wish, loop_margins(found, motor, wish.sample_time))
+    # The intervals cost hundreds of times more: only where neither the estimate nor some of the draws are too fast.
+    return not any(
+        _too_fast(found, motor, wish, margins(found, motor, wish.sample_time))
+        for margins in (least_margins, loop_margins)
+    )
 
 
 def _peak(controller: Tunable, motor: FirstOrderMotor, wish: Wish, margins: Mapping[str, float]) -> float:

@@ -1,1 +1,1 @@
-"""The rungs of the ladder of structures: tried one by one, compared with the fit below, and told of."""
+"""The rungs of the ladder of structures: fitted one by one, compared with the fit below, and reported."""

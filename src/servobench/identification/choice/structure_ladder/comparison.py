@@ -1,4 +1,5 @@
-"""Which of two fits is worth its parameters: by Schwarz's criterion, by what it moves, by the likelihood of its innovations."""
+"""Which of two fits is worth its parameters: by Schwarz's criterion, by the change of the parameters, by the innovations'
+likelihood."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ def fit_structure(method: Estimator, structure: Structure, data: Sequence[Datase
 def better(one: Fit, other: Fit) -> bool:
     """Return whether a fit with one parameter more is worth it by Schwarz's criterion (1978), its delay being as likely.
 
-    A delay that nobody would expect counts against a fit, as it may stand for the parameter that it lacks: on a ramp from rest
+    An unexpected delay counts against a fit, because it may replace a missing parameter: on a ramp from rest
     for the friction that the input has to overcome.
     """
     samples = sum(int(record.valid.sum()) for record in one.records)
@@ -53,7 +54,7 @@ def clearly_better(one: Fit, other: Fit) -> bool:
 def shifts_parameters(one: Fit, other: Fit) -> bool:
     """Return whether the other fit's gain or time constant is out by more than its own standard deviation if the one is right.
 
-    Then leaving a parameter out would claim to know more than the data tell.
+    Then the intervals without the parameter would be too narrow.
     """
     return any(abs(one.model[n] - other.model[n]) > other.sd(n) for n in ("gain", "time_constant"))
 

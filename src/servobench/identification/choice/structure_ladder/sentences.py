@@ -1,4 +1,4 @@
-"""What is said of a rung of the ladder: that it was climbed, and what for, or why there is no further one."""
+"""The sentences about a rung of the ladder: that it was added and why, or why there is no further one."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
     if not sd < 0.5 * value:
         sentence = (
             f"The data don't show for certain whether there is {TERMS[rung.term]} ({sizes}), but leaving it out "
-            f"would make the other intervals too narrow. {_what_for(rung, plain, fit)}"
+            f"would make the other intervals too narrow. {_benefit_text(rung, plain, fit)}"
         )
         return info("term-possible", sentence, parameters=tuple(new))
-    sentence = f"{_SAYS[rung.term]}: {sizes}. {_what_for(rung, plain, fit)}"
+    sentence = f"{_SAYS[rung.term]}: {sizes}. {_benefit_text(rung, plain, fit)}"
     return info(_CODES[rung.term], sentence, parameters=tuple(new))
 
 
-def _what_for(rung: Rung, plain: Fit, fit: Fit) -> str:
-    """What a rung is worth; two numbers that are printed alike would say nothing."""
+def _benefit_text(rung: Rung, plain: Fit, fit: Fit) -> str:
+    """The benefit of a rung, in numbers that differ when printed."""
     percents = [f"{one.fit_percent:.2f}" for one in (plain, rung.plain)]
     gains = [number(one.model["gain"]) for one in (fit, rung.fit)]
     if percents[0] == percents[1] and gains[0] == gains[1]:

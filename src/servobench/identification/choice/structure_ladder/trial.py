@@ -1,4 +1,4 @@
-"""A rung of the ladder, tried: the fit with a term more, and what speaks against keeping it."""
+"""A trial of a rung: the fit with one more term, and the reasons against it."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ class Rung:
     hidden: Finding | None = None
 
 
-def with_term_more(structure: str, term: str) -> str | None:
-    """Return the name of the structure with a term more, None where there is none: a rung, or the winding's pole."""
+def with_added_term(structure: str, term: str) -> str | None:
+    """Return the name of the structure with one more term (a rung, or the winding's pole), None if there is none."""
     return _WITH_WINDING.get(structure) if term == "winding" else with_term(structure, term)
 
 
@@ -79,7 +79,7 @@ def try_rung(
 
     `plain` is the fit below it as it is, `fit` as it is allowed for, by `allow`.
     """
-    structure = STRUCTURES[with_term_more(fit.structure, term) or ""]
+    structure = STRUCTURES[with_added_term(fit.structure, term) or ""]
     if method.supports(structure, data) is not None:
         return Rung(term=term, plain=plain, fit=fit, doubt=f"{fit.estimator} can't fit it")
     try:
@@ -88,7 +88,7 @@ def try_rung(
         if not worth_it(nearest, data, plain, among=len(TERMS)):
             return Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
         if method is ESTIMATORS["output_error"]:
-            # Most rungs end here; the intervals near bounds, which nobody would see, take longer than all the rest.
+            # Most rungs end here; their intervals near bounds, which aren't shown, would take longer than everything else.
             doubt = _early_doubt(term, asked, fit_minimum_roughly(structure, data, nearest), plain, fit)
             if doubt:
                 return Rung(term=term, plain=plain, fit=fit, doubt=doubt)
@@ -111,14 +111,14 @@ def _early_doubt(term: str, asked: bool, richer: Fit, plain: Fit, fit: Fit) -> s
     if not doubt and _at_the_edge(richer, plain):
         doubt = "it drives a parameter to the limit of its range"
     if not doubt and not explains_the_colour(richer):
-        doubt = _doubt(term, asked, richer, _as_uncertain(richer, plain, fit), fit)
+        doubt = _doubt(term, asked, richer, _copy_allowance(richer, plain, fit), fit)
     return doubt
 
 
-def _as_uncertain(richer: Fit, plain: Fit, fit: Fit) -> Fit:
-    """A rung that explains the colour no better, as unsure as allowing for it has made the rung below: that takes no search.
+def _copy_allowance(richer: Fit, plain: Fit, fit: Fit) -> Fit:
+    """A rung that explains the colour no better, with the same allowance as the rung below: this needs no search.
 
-    `plain` is the rung below as it is, `fit` as it is allowed for.
+    `plain` is the rung below without the allowance, `fit` with it.
     """
     factors = [fit.sd(n) / plain.sd(n) for n in ("gain", "time_constant") if 0 < plain.sd(n) < np.inf]
     return replace(richer, covariance=max([1.0, *factors]) ** 2 * richer.covariance)
@@ -127,7 +127,7 @@ def _as_uncertain(richer: Fit, plain: Fit, fit: Fit) -> Fit:
 def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
     """Why a rung that explains more can't be kept all the same; empty where it can.
 
-    A term whose size isn't known is kept only where the data ask for it and its absence would move gain or time constant.
+    A term of unknown size is only kept if the data need it and its absence would move gain or time constant.
     """
     if not richer.converged:
         return "the search for it doesn't settle"

@@ -1,9 +1,9 @@
-"""What a closed loop does without its noise: the input that the reference alone would have caused.
+"""A closed loop without its noise: the input that the reference alone would have caused.
 
 Reference to output and reference to input have the same poles. The first is identified by refined instrumental variables; the
-second is then linear regression on the reference filtered with those poles, and on the reference itself, which a controller
-hands straight on. The controller need not be known. Where this model is inexact (a limit, a controller of a higher order),
-what it gives is still caused by the reference alone, and that is all that an instrument must be.
+second is then linear regression on the reference filtered with those poles, and on the reference itself, which a controller may
+pass on directly. The controller need not be known. If this model is inexact (a limit, a controller of a higher order), its
+output still depends on the reference alone, which is all that an instrument needs.
 """
 
 from __future__ import annotations

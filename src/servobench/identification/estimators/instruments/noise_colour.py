@@ -1,4 +1,4 @@
-"""The colour of residuals as an autoregression, and what it makes of the variance of instruments times noise."""
+"""The colour of residuals as an autoregression, and its effect on the variance of instruments times noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an encoder's bins say of positions, with Gaussian noise before the rounding.
+"""The likelihood of positions given an encoder's bins, with Gaussian noise before the rounding.
 
 P = Φ((hi - θ)/s) - Φ((lo - θ)/s)
 """

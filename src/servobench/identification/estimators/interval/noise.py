@@ -1,4 +1,4 @@
-"""How much noise there is before the rounding: its likelihood, and what the doubt about it does to the parameters."""
+"""The noise before the rounding: its likelihood, and the effect of its uncertainty on the parameters."""
 
 from __future__ import annotations
 

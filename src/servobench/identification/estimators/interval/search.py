@@ -1,7 +1,7 @@
 """The maximum of the interval likelihood over the parameters and the noise before rounding.
 
-The predictions are taken for linear in the parameters near a point: then ln L has one maximum over θ/s and 1/s (Burridge 1981),
-and Newton steps that are halved until they climb find it from anywhere. A few rounds with exact predictions do the rest.
+Near a point the predictions are treated as linear in the parameters. Then ln L has one maximum over θ/s and 1/s (Burridge
+1981), and Newton steps, halved until ln L rises, find it from anywhere. A few rounds with exact predictions do the rest.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Is it noise of the measurement at all? A test of the scores for the wandering that a random torque makes."""
+"""Is it measurement noise at all? A score test for the wandering caused by a random torque."""
 
 from __future__ import annotations
 

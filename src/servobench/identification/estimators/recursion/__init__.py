@@ -1,1 +1,1 @@
-"""The parts of the recursive estimator: the motor sample by sample, the filters for each noise level, what they make of it."""
+"""The parts of the recursive estimator: the motor sample by sample, the filters for each noise level, and their combination."""

@@ -1,10 +1,10 @@
-"""Kalman filters side by side, one for each noise level, and what they make of the parameters together.
+"""A bank of Kalman filters, one for each noise level, and the parameters from all of them.
 
 Each filter has seen the means of blocks of [J r], the Jacobian and the residual at a reference, and keeps the sum of the products
-of their innovations: that is all that the best change of the parameters, its covariance and the likelihood of the noise
-level need, however many samples there were. The levels are those of `estimators.disturbance`: q/r, from a torque that never
-shows to one that drowns the noise within a sample. Why all levels at once is told in docs/decisions/0022-recursive.md. Blocks
-come in a few lengths, as there: short beside τ, and beside the memory of the filter that turns out to be the likeliest.
+of their innovations: the best change of the parameters, its covariance and the likelihood of the noise level need no more,
+however many samples there are. The levels are those of `estimators.disturbance`: q/r, from a torque that never shows to one
+that exceeds the noise within a sample. docs/decisions/0022-recursive.md says why all levels are used at once. Blocks have a few
+lengths, as there: short compared with τ, and with the memory of the most likely filter.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LEVELS_APART = 0.7  # in ln(q/r): a level in between makes less than a tenth of 
 _SHORT = 0.33  # of τ: the longest block
 _LEAST = 0.35  # of a block: the shortest memory of its filters
 _MOST = 16.0  # of a block: the longest memory of the filters of all but the longest blocks
-_FINER = 2.0  # times a block: a likelier memory below that asks for shorter blocks
+_FINER = 2.0  # times a block: a more likely memory below that needs shorter blocks
 _LONGEST = 1000.0  # τ: a memory that is as good as endless
 _SHOWN = 2.71  # the likelihood ratio that 5 % of the runs without a torque exceed
 _KNOWN = 1e-14  # of the largest eigenvalue: a direction about which nothing is known
@@ -192,10 +192,11 @@ class Likeliest:
     """What the filters of the blocks that suit make of the parameters.
 
     `filter` is the likeliest one, with r as `variance`, H⁻¹ as `inverse` (7, 7), and the best `change` (7,) under it. The
-    `covariance` (7, 7) allows for the doubt about the level: Σ w (C + δ δ') over all levels with their likelihoods as weights, δ
-    their changes from the best one's. `informed` are the columns of which the data say something, `means` the degrees of freedom
-    that are left. `watched` is the filter whose innovations tell whether the motor still is what it was, with its own r,
-    `watched_variance`. `deviance` is -2 ln of the likeliest one's likelihood. `calm` says that nothing shows a torque.
+    `covariance` (7, 7) allows for the uncertainty of the level: Σ w (C + δ δ') over all levels with their likelihoods as
+    weights, δ their changes from the best one's. `informed` are the columns of which the data say something, `means` the
+    degrees of freedom that are left. `watched` is the filter whose innovations tell whether the motor still is what it was,
+    with its own r, `watched_variance`. `deviance` is -2 ln of the likeliest one's likelihood. `calm` says that nothing shows a
+    torque.
     """
 
     filter: int

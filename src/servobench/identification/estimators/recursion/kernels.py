@@ -1,8 +1,8 @@
 """Compiled kernels of the recursive estimator: a first-order motor sample by sample, and Kalman filters for many noise levels.
 
-The motor and its sensitivities go from event to event, as in `models.kernels`; why sums are kept is told in
-docs/decisions/0022-recursive.md. Each sample gives a row [J r], r = y - prediction;
-rows are averaged over blocks of a few lengths, and each filter turns the means into innovations and adds up their products.
+The motor and its sensitivities go from event to event, as in `models.kernels`; docs/decisions/0022-recursive.md says why sums
+are kept. Each sample gives a row [J r], r = y - prediction; rows are averaged over blocks of a few lengths, and each filter
+turns the means into innovations and adds up their products.
 """
 
 from __future__ import annotations

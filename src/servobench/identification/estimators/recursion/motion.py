@@ -1,4 +1,4 @@
-"""A motor that is followed sample by sample at a reference, with the filters that tell how far the reference is off."""
+"""A motor followed sample by sample at a reference, with the filters that estimate the error of the reference."""
 
 from __future__ import annotations
 

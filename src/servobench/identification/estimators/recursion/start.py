@@ -1,4 +1,4 @@
-"""Where the recursive estimator begins: a reference from the samples so far, good enough for one step to lead to the minimum."""
+"""The start of the recursive estimator: a reference from the samples so far, one step away from the minimum."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TRAVEL = 50.0  # steps of the encoder that a motor must have made
 class Setting:
     """What is known of a run before it begins.
 
-    `quantum` is the encoder's step [rad], None where nobody knows it; `sample_time` the time between samples [s], `delay` the
+    `quantum` is the encoder's step [rad], None if unknown; `sample_time` the time between samples [s], `delay` the
     device's own [s], `input_before` what held before the first sample [V]. With a `structure` its parameters are found, from
     the vector `start` where one is given; without, those that Coulomb friction has.
     Raises `UsageError` for a sample time or an encoder's step that isn't above 0.
@@ -64,7 +64,7 @@ class Setting:
 def start_motion(setting: Setting, samples: Samples) -> Motion | None:
     """Return the motion through all samples at the reference where its estimate is, found from the output-error fit.
 
-    None where the samples don't tell gain and time constant yet, to half of their size.
+    None if the samples don't determine gain and time constant yet, to half of their size.
     """
     data = setting.dataset(samples)
     if np.ptp(samples.y) <= _TRAVEL * (setting.quantum or 0.0) or np.ptp(samples.u) == 0:
@@ -98,7 +98,7 @@ def _by_output_error(setting: Setting, data: Dataset) -> tuple[Array, float]:
     free = np.ones(len(guesses[0]), dtype=bool)
     names = [parameter.name for parameter in structure.parameters]
     if setting.structure is None and not turns_both_ways([data]):
-        # Turning one way, nobody can tell offset and friction apart.
+        # If the motor turns one way, offset and friction can't be separated.
         at = names.index("offset_voltage")
         free[at] = False
         guesses = [np.where(np.arange(len(guess)) == at, 0.0, guess) for guess in guesses]
@@ -112,7 +112,7 @@ def run_through(
     """Return the motion through all samples, from a reference (7,) in SI units that is moved until it is where the estimate is.
 
     What rounding at rest weighs, and which filter is watched, comes from an `earlier` motion, or from a first time through. None
-    where gain and time constant can't be told to half of their size, or where that leads nowhere.
+    if gain and time constant aren't known to half of their size, or if that leads nowhere.
     """
     known = earlier
     for _ in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""Whether the motor still is what the model says: do its innovations look like noise, or like something that is left out?"""
+"""Whether the motor still agrees with the model: are the innovations noise, or does the model lack something?"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _FEWEST = 40  # innovations
 _LAGS = 5
 _RARE = 1e-4  # chance that an unchanged motor looks changed, of a single look
 _SLOW = 4.0  # standard deviations of the sum of the correlations
-_KNOWN = 1e-9  # of the largest eigenvalue: a direction of which the innovations say nothing
+_KNOWN = 1e-9  # of the largest eigenvalue: in such a direction the innovations contain no information
 _IN_PLACE = 0.9  # of the counts: where so many are where the model puts them, there is nothing but rounding
 
 

@@ -1,1 +1,1 @@
-"""Frequency response from records: lines of the spectrum, local fits around them, what is read off the points."""
+"""Frequency response from records: lines of the spectrum, local fits around them, and readings off the points."""

@@ -1,4 +1,4 @@
-"""Points of several stretches averaged, and what scatters between them beside noise."""
+"""Averages of points over several stretches, and their scatter beyond noise."""
 
 from __future__ import annotations
 

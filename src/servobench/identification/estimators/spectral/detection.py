@@ -1,4 +1,4 @@
-"""Detection lines: what an input that repeats leaves at harmonics it doesn't have, which a linear motor wouldn't."""
+"""Detection lines: the output at harmonics that a periodic input doesn't have; a linear motor has none there."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Lines of the spectrum: which part of a record is transformed, and which of its lines the input excites.
 
-A stretch of N samples has lines at 2πk/(NT). It is chosen so that what repeats falls on lines: whole cycles of a sine, whole
-periods of anything else that repeats, or all there is. Nothing is windowed: what leaks is a transient, and is fitted
+A stretch of N samples has lines at 2πk/(NT). It is chosen so that periodic signals fall on lines: whole cycles of a sine, whole
+periods of another periodic input, or otherwise the whole record. There is no window: leakage is a transient, and is fitted
 (Pintelon and Schoukens 2012).
 """
 

@@ -1,14 +1,15 @@
-"""Local fits: the response near a line, free of leakage, and what noise leaves it uncertain by.
+"""Local fits: the response near a line, free of leakage, and its uncertainty due to noise.
 
 In a window of neighbouring lines the spectrum of the data is
 
     Y(k) = ρ(k) M(k) U(k) + T(k) + V(k)
 
-with a model M from a preliminary fit, the ratio ρ of the response to it, the transient T, which holds all leakage, and noise V.
-ρ is a number for each line that the input excites between quiet ones, or else a parabola along the window; T is a parabola times
-the shape of a free motion of M (Pintelon and Schoukens, System Identification, 2nd ed. 2012, chapter 7, the local polynomial
-method). They have M = 1: then the parabolas have to follow the motor itself, and a window of 6 rad/s around a pole at 10 rad/s
-is off by a part in a hundred. With M near the motor they only have to follow the difference. M is no assumption on the result.
+with a model M from a preliminary fit, the ratio ρ of the response to it, the transient T, which contains all leakage, and noise
+V. ρ is a number for each line that the input excites between quiet ones, or else a parabola along the window; T is a parabola
+times the shape of a free motion of M (Pintelon and Schoukens, System Identification, 2nd ed. 2012, chapter 7, the local
+polynomial method). There M = 1: the parabolas have to follow the motor itself, and a window of 6 rad/s around a pole at 10
+rad/s is off by one part in a hundred. With M near the motor they only have to follow the difference. The result doesn't assume
+that M is right.
 """
 
 from __future__ import annotations

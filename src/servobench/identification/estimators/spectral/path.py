@@ -4,7 +4,7 @@ An input that holds between samples and an output that is only seen at samples m
 
     G_d(z) = C (zI - Φ)⁻¹ (Γ₀ + Γ₁ z⁻¹) z⁻ᵐ,   z = e^(jωT)      (Åström and Wittenmark 1997, chapter 2)
 
-with every alias of the held input in it, which dividing by the hold's sinc and half sample alone would leave there.
+which includes every alias of the held input; dividing by the hold's sinc and half sample would leave the aliases in the data.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
     |G| = K/√(1 + ω²τ²): 3 dB below K at ω = 1/τ;   arg G = -atan(ωτ) - ωd: without the delay, -45° there
 
-Both follow from G = K e^(-jωd)/(1 + jωτ). Where the two time constants differ by more than their intervals, the motor isn't of
+Both follow from G = K e^(-jωd)/(1 + jωτ). If the two time constants differ by more than their intervals, the motor isn't of
 first order, or there is friction.
 """
 

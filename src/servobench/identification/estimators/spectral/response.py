@@ -1,4 +1,4 @@
-"""A frequency response: points with their bands, coherence, and what of their scatter isn't noise."""
+"""A frequency response: points with their bands, coherence, and the part of their scatter that isn't noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The names of the nonlinear motors: each says which friction and which gravity it has."""
+"""The names of the nonlinear motors; each name gives the kinds of friction and gravity."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""First guesses for the nonlinear motors: what the motion does to friction and gravity is taken from the data.
+"""First guesses for the nonlinear motors, with the motion that drives friction and gravity taken from the data.
 
-With the direction, the speed and the angle as they were measured, every lost voltage is a known signal, and the output is
-linear in all but τ, d and ω_s. So a coarse grid over those three, with a linear least-squares problem at each point, comes
-near the minimum of the cost without a step that could diverge, as it does for the first-order structures (`models.search`).
+With measured direction, speed and angle, every lost voltage is a known signal, and the output is linear in all parameters
+except τ, d and ω_s. So a coarse grid over those three, with a linear least-squares problem at each point, comes near the
+minimum of the cost without a step that could diverge, as it does for the first-order structures (`models.search`).
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ def _correct_signs(value: dict[str, float], gain: float) -> None:
 def _still(
     structure: FrictionAndGravity, theta: Array, data: Sequence[Dataset]
 ) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
+    """The places of the start speeds of the records in which a shaft at rest would stay at rest at first."""
     from servobench.identification.models.nonlinear import kernels
 
     places, at = [], len(structure.parameters)

@@ -8,19 +8,19 @@ integrated by the classical scheme of Runge and Kutta (Kutta 1901), fourth order
 parameters: the scheme applied to the variational equations is the exact derivative of the scheme. A step is a tenth of the
 shortest time in which anything changes: τ, the growth that falling friction gives, the pendulum's own frequency, the speed as
 the rate of sin θ, and the time in which the speed changes by ω_s. One step's error is then below 0.1⁵/120, 1e-7 of what
-changes. What hardly changes may be stepped over: beside the turning of a fast shaft, whose swing under gravity is
-σ = K g (1 + μ)/(τ ω²) of a radian, a step may be σ^(-1/5) times as long, up to four times, for the same error of the angle.
+changes. Small effects allow longer steps: the swing of a fast shaft under gravity is σ = K g (1 + μ)/(τ ω²) of a radian, so a
+step may be σ^(-1/5) times as long, up to four times, for the same error of the angle.
 
-A stop is where ω, carried on as if it kept its sense, is zero: found by Newton's method on the length of the last step; and so
-is the place where gravity changes its side, at which load-dependent friction has a kink. What happens to the sensitivities at
-a stop and at a change of the input is told in `models.kernels`. A shaft at rest stays there until the input changes, as gravity
-can't while it stands still.
+A stop is where ω, continued with the same sign, is zero; Newton's method on the length of the last step finds it. The angle at
+which gravity changes sign, where load-dependent friction has a kink, is found in the same way. `models.kernels` explains the
+sensitivities at a stop and at a change of the input. A shaft at rest stays there until the input changes, because gravity is
+constant at rest.
 
-Divisions and sines are what a step costs. So the motor m (21,) is p with what the equations need of it, worked out once, and from
-sample to sample the sine is carried on by the sums of angles.
+Divisions and sines dominate the cost of a step. So the motor m (21,) is p with derived constants, computed once, and the sine
+is updated from sample to sample by the angle-sum formulas.
 
-The vector p (13,) is that of `response`. A step leaves its four stages in `at` (4, 5) and their derivatives in `by` (4, 18). The
-sensitivities x (2, 16) stand in the order of p with three idle columns: a processor works on four or eight numbers at once.
+The vector p (13,) is that of `response`. A step leaves its four stages in `at` (4, 5) and their derivatives in `by` (4, 18).
+The sensitivities x (2, 16) are in the order of p with three idle columns: a processor works on four or eight numbers at once.
 Angles are in rad, speeds w in rad/s, steps h in s, inputs v in V.
 """
 

@@ -3,17 +3,17 @@
     τ dω/dt = -ω + K (u(t - d) - u₀ - g(θ) - u_a |ω|) - |K| sgn(ω) (u_c + u_s e^(-|ω|/ω_s) + μ |g(θ)|),   dθ/dt = ω
     g(θ) = u_gs sin θ + u_gc cos θ
 
-Everything that is lost is told in units of the input, so that a fit needs no motor constant. Viscous friction is in K and τ
-already, and a constant load (a hoist) is the offset u₀. Falling friction is Stribeck's in the exponential form of Tustin
-(1947); a Gaussian in its place is flat at rest, and would say nothing of how a shaft creeps there. Gravity by sine and
-cosine, not by amplitude and angle, is linear in its parameters and has no singularity where there is none.
+All losses are in units of the input, so a fit needs no motor constant. K and τ already include viscous friction, and a constant
+load (a hoist) is the offset u₀. Falling friction is Stribeck's in the exponential form of Tustin (1947); a Gaussian is flat at
+rest and wouldn't describe a shaft that creeps. Gravity by sine and cosine, not by amplitude and angle, is linear in its
+parameters and has no singularity where there is none.
 
 Friction that differs by direction: with the Coulomb voltages u₊ and u₋, and forward the way that a positive input drives,
 
     sgn(ω) u_c + u₀  =  u₊ forward, -u₋ backward   where   u_c = (u₊ + u₋)/2, u₀ = (u₊ - u₋)/2
 
-so that unequal Coulomb voltages and an offset are one and the same thing, at rest too, and nobody can have both. What an offset
-can't stand for is viscous friction that differs: u_a |ω|.
+so unequal Coulomb voltages and an offset are the same thing, at rest too, and a model can't have both. An offset can't replace
+viscous friction that depends on the direction: u_a |ω|.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from servobench.identification.models.common_parameters import COULOMB, DELAY, G
 from servobench.identification.models.first_order import FirstOrder
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.records import is_plain, start_parameters, through_chain
-from servobench.identification.models.reversals import Switching, switching_errors
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -72,7 +71,7 @@ COSINE = Parameter(
 )
 LOAD = Parameter(name="load_friction", meaning="friction per unit of gravity's load", unit="1", lower=0.0)
 
-# Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ₀, ω₀), with which weight.
+# The place and weight of each parameter in the kernel's vector (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ₀, ω₀).
 _PLACES: dict[Parameter, dict[int, float]] = {
     GAIN: {0: 1.0},
     TIME_CONSTANT: {1: 1.0},
@@ -168,7 +167,7 @@ class NonlinearMotor:
     def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from theta, both (P + ΣQ,): theta + change, but for the stribeck_voltage.
 
-        What a fast reversal tells of Stribeck friction is u_s ω_s, the area below it, and hardly how the two share it.
+        A fast reversal determines u_s ω_s, the area below the Stribeck curve, and hardly the two factors.
         So it is the area that a change moves to first order: u_s becomes (u_s ω_s + ω_s δu_s + u_s δω_s)/(ω_s + δω_s). A u_s that
         doesn't change is held.
         """
@@ -250,31 +249,8 @@ class NonlinearMotor:
         return np.asarray(speed != 0, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
-        """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
-        if not self.friction:
-            return np.empty((len(data.y), 0))
-        return switching_errors(self._switching(theta, data), data)
-
-    def _switching(self, theta: Array, data: Dataset) -> Switching:
-        """What reversals need to know: friction is at its largest near rest, and gravity is an offset that moves."""
-        from servobench.identification.models.nonlinear import kernels
-
-        p = self.vector(theta, data)
-
-        def states(times: Array) -> tuple[Array, Array]:
-            speed, _ = self.response(theta, data, "speed", times, derivatives=False)
-            angle, _ = self.response(theta, data, "position", times, derivatives=False)
-            angle = np.where(np.isfinite(angle), angle, 0.0)  # of a motor that ran away there is no angle
-            gravity = p[kernels.SINE] * np.sin(angle) + p[kernels.COSINE] * np.cos(angle)
-            return speed, p[kernels.OFFSET] + gravity
-
-        return Switching(
-            gain=float(p[kernels.GAIN]),
-            tau=float(p[kernels.TAU]),
-            coulomb=float(p[kernels.COULOMB] + p[kernels.STRIBECK]),
-            delay=float(p[kernels.DELAY]),
-            states=states,
-        )
+        """Return nothing, (M, 0): what a lag in place of the delay does is a line of the budget (`uncertainty.one_lag`)."""
+        return np.empty((len(data.y), 0))
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / (τ s + 1), or that over s: of the motor alone, without gravity and friction."""

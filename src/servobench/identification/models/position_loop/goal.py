@@ -1,4 +1,4 @@
-"""Does an input look like the goal of a position loop, rather than like what drives a motor?"""
+"""Does an input look like the goal of a position loop, rather than a voltage?"""
 
 from __future__ import annotations
 

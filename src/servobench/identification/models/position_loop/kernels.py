@@ -11,7 +11,7 @@ a piece that begins h ago has θ(h) = θ_end + (c + σs) x + s ω,  ω(h) = -Q s
 ω' = -2σ ω - Q x. The derivatives by κ and τ come through ∂c/∂σ = -h c, ∂s/∂σ = -h s, ∂c/∂D = -h s/2 and ∂s/∂D = (h c - s)/(2D).
 At an event whose instant depends on a parameter the sensitivity of the speed jumps as in `models.kernels`.
 
-The vector p (7,) is that of `response`, a state s (3, 8) has the rows that stand below. Times and lengths h are in s,
+The vector p (7,) is that of `response`, a state s (3, 8) has the rows listed below. Times and lengths h are in s,
 goals v in rad.
 """
 

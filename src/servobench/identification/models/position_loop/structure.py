@@ -1,14 +1,14 @@
-"""A servo that is driven by a goal: a motor with friction in a loop with a proportional controller of its position.
+"""A servo with a goal: a motor with friction in a loop with a proportional position controller.
 
     u = k_p (g(t - d) - θ),   τ dω/dt = -ω + K (u - u₀ - u_c sgn(ω)),   dθ/dt = ω
 
-Goal and position tell the loop gain κ = K k_p, τ, and friction and offset as positions, δ = u_c/k_p and u₀/k_p:
+Goal and position determine the loop gain κ = K k_p, τ, and friction and offset as positions, δ = u_c/k_p and u₀/k_p:
 
     θ/g = κ e^(-ds) / (τ s² + s + κ)
 
 That follows from the two lines above, friction and offset left out. δ is the dead band within which the shaft rests off its
-goal. K, u_c and u₀ follow where k_p is known. A controller with more than a proportional part, a limit of its voltage and a
-load that gravity pulls at aren't in the model.
+goal. K, u_c and u₀ follow if k_p is known. The model has no integral or derivative part, no voltage limit, and no load under
+gravity.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ class PositionLoop:
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the encoder's rounding at each rest of the shaft, as columns (M, E).
 
-        A shaft at rest is rounded the same way in all its samples, so that a rest tells its position once, not a hundred times:
+        A shaft at rest is rounded in the same way in all samples, so a rest gives its position once, not a hundred times:
         to within step/√12, as its place between two steps is as good as random.
         """
         if not data.quantum or data.kind != "position" or not self.friction:

@@ -1,10 +1,10 @@
 """Guesses for rational structures: state-variable filters first, then refined instrumental variables.
 
 With a filter 1/Λ of the order of A in place of derivatives, A y = B u is a linear regression (Garnier and Wang 2008, chapter 1).
-Its bias through the noise of the output goes away with an instrument, the noise-free output of the model that is at hand, and
-with the filter 1/A of that model (Young and Jakeman 1980). The lines that the instruments consist of are exact here, with the
-delay, the start state and the measurement chain. So they are the Jacobian of the simulated output, the equation error is the
-simulation's error, and where the iteration comes to rest, it is at the minimum of the squared simulation error.
+An instrument, the noise-free output of the current model, and the filter 1/A of that model remove the bias due to output noise
+(Young and Jakeman 1980). Here the columns of the instruments are exact, with the delay, the start state and the measurement
+chain. So they are the Jacobian of the simulated output, the equation error is the simulation's error, and the iteration
+converges to the minimum of the squared simulation error.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Compiled kernels of the rational structures: the events of a record, and a linear system carried exactly from one to the next.
+"""Compiled kernels of the rational structures: the events of a record, and the exact response of a linear system between them.
 
-A system x' = F x has its held inputs among its states, so that e^(F h) is all it takes for a piece of length h. Lengths that come
-often have their matrix made once. The others are h = q h₀ + r: the whole part by matrices e^(F h₀ 2^k), one for each bit of q,
-and the rest by a Taylor series, which |F| h₀ <= 1 makes exact to rounding. So irregular times cost a few times as much, and not
-a matrix exponential each. (Scaling and squaring: Moler and Van Loan 2003, method 3.)
+The states of a system x' = F x include its held inputs, so e^(F h) covers a piece of length h. Frequent lengths have their
+matrix computed once. The others are split as h = q h₀ + r: matrices e^(F h₀ 2^k) for the bits of q, and for r a Taylor series,
+exact to rounding because |F| h₀ <= 1. So irregular times cost a few times as much, instead of a matrix exponential each.
+(Scaling and squaring: Moler and Van Loan 2003, method 3.)
 
 Times and lengths h are in s.
 """
@@ -166,7 +166,7 @@ def powers_by_doubling(field: Array, h0: float, longest: float) -> Array:
                 times(powers[k - 1], powers[k - 1, j], column)
             else:
                 column[j] = 1.0
-                # Half of h₀ twice: h₀ itself would ask for the matrix that is being made.
+                # Half of h₀ twice: h₀ itself would need the matrix that is being made.
                 advance(field, powers[:0], h0, 0.5 * h0, column, term, sum_)
                 advance(field, powers[:0], h0, 0.5 * h0, column, term, sum_)
             powers[k, j] = column

@@ -1,4 +1,4 @@
-"""The exact response of a rational transfer function to a held input and to a sampled one, with what its derivatives are made of.
+"""The exact response of a rational transfer function to a held and to a sampled input, with the signals for its derivatives.
 
 All lines are read off one chain of N integrators with feedback, s^N + α_{N-1} s^(N-1) + ... + α₀, in a time that is scaled by the
 largest root bound σ of that polynomial, so that neither the coefficients nor the powers of s run out of range.

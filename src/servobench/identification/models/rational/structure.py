@@ -1,10 +1,10 @@
-"""Rational transfer functions of any order, with a known integrator or a delay where there is one.
+"""Rational transfer functions of any order, optionally with a known integrator and a delay.
 
     y = B(s)/A(s) e^(-ds) u + y₀,   A = s^n + a₁ s^(n-1) + ... + a_n,   B = b₀ s^m + ... + b_m
 
-y is what the data are of: a position, or a speed. With the known integrator B/A is the speed's, and the position is its
-integral, so that a record of either finds the same parameters. Each record starts in a state of its own, which adds C(s)/A(s), as
-follows from the differential equation A y = B u, and has an output y₀ at no input.
+y is the output in the data: a position or a speed. With the known integrator, B/A is the transfer function to the speed and the
+position is its integral, so records of either have the same parameters. Each record has its own start state, and its own output
+y₀ at zero input. The start state adds C(s)/A(s), which follows from the differential equation A y = B u.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Rational:
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
         """Return the bounds of the parameters: no a is negative, as none is where all poles are stable.
 
-        The output comes at most two sample times before its cause, for the reason told in `FirstOrder.bounds`.
+        The output comes at most two sample times before its cause, for the reason given in `FirstOrder.bounds`.
         """
         lower = np.array([parameter.lower for parameter in self.parameters])
         upper = np.array([parameter.upper for parameter in self.parameters])

@@ -2,11 +2,11 @@
 
     ω/u = K e^(-ds) / ((τ s + 1) (τ₂ s + 1)),   τ₂ = τ τ_e / (τ - τ_e),   dθ/dt = ω
 
-`electrical_time_constant` is τ_e = L/R, with which the current settles while the shaft is held. What is said here
-follows from L di/dt + R i = v - k ω and J dω/dt = k i - b ω. Back-emf makes the fast pole's
-time constant τ₂ a little longer: p(s) = J L s² + (J R + L b) s + R b + k² has the roots -1/τ and -1/τ₂, so that without viscous
-friction in the bearings τ_e = τ τ₂/(τ + τ₂) exactly; b leaves K, τ and τ₂ as they are and makes L/R larger than τ_e, by a part
-R b/(R b + k²) τ₂/τ of it at most. Coulomb friction brakes the shaft at once, not through the winding:
+`electrical_time_constant` is τ_e = L/R, with which the current settles while the shaft is held. These laws follow from L di/dt
++ R i = v - k ω and J dω/dt = k i - b ω. Back-emf makes the fast pole's time constant τ₂ a little longer: p(s) = J L s² + (J R +
+L b) s + R b + k² has the roots -1/τ and -1/τ₂, so that without viscous friction in the bearings τ_e = τ τ₂/(τ + τ₂) exactly; b
+leaves K, τ and τ₂ as they are and makes L/R larger than τ_e, by a part R b/(R b + k²) τ₂/τ of it at most. Coulomb friction
+brakes the shaft at once, not through the winding:
 
     (τ + τ₂) dω/dt = K (e - u_c sgn(ω)),   τ_e de/dt = u(t - d) - u₀ - e - ω/K,   e = R i
 """

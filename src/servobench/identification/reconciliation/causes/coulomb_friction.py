@@ -1,4 +1,4 @@
-"""Coulomb friction, where somebody reckons as if there were none."""
+"""Coulomb friction, if the claim's calculation leaves it out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The amplifier's dead band, where somebody reckons with the commanded voltage."""
+"""The amplifier's dead band, if the claim's calculation uses the commanded voltage."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from servobench.systems.signals.ramp import Ramp
 class DeadBand:
     """v of the commanded input isn't put out: a gain ω/u reads K (1 - v/u). τ reads as it is, as a step stays a step.
 
-    The fit finds dead band and friction as one lost input. Which part is which it can't tell, so any part may be the dead band's.
+    The fit finds dead band and friction as one lost input and can't separate them, so any part may be the dead band's.
     """
 
     label: str = "dead band"

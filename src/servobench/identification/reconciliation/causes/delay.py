@@ -19,7 +19,7 @@ from servobench.identification.reconciliation.base import (
 from servobench.rig.experiment.experiment import Experiment
 from servobench.systems.signals.step import Step
 
-_SD = 0.01  # s, of a delay that nobody measured: a USB transfer or a few ticks of a host
+_SD = 0.01  # s, of an unmeasured delay: a USB transfer or a few ticks of a host
 
 
 @dataclass(frozen=True)

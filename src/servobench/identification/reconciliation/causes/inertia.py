@@ -1,4 +1,4 @@
-"""Inertia: more or less of it than was reckoned with, or a part that was left out of the sum."""
+"""Inertia: more or less than assumed, or a part that was left out of the sum."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from servobench.identification.reconciliation.base import (
 from servobench.rig.experiment.experiment import Experiment
 from servobench.systems.signals.square import Square
 
-_SD = 0.12  # of ln J: masses and radii to a few per cent, hubs and screws that nobody counts
+_SD = 0.12  # of ln J: masses and radii to a few per cent, hubs and screws left out
 _LEFT_OUT = 0.3  # of all wrong inertias: a part was forgotten
 _CALCULATED = 0.01  # of a time constant that is calculated from rounded values, winding and friction left out
 _PARTS = ("rotor", "hub", "disc")

@@ -1,4 +1,4 @@
-"""The measurement's lag: a filter behind the differentiated encoder, taken for a part of the motor."""
+"""The measurement's lag: a filter behind the differentiated encoder, counted as part of the motor."""
 
 from __future__ import annotations
 

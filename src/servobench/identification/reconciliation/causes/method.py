@@ -58,7 +58,7 @@ class Method:
     def size_text(self, question: Question, size: float) -> str:
         """Its name in words."""
         reading = _others(question)[round(size)]
-        # What is told are the figures that the question is about.
+        # The values that the question is about.
         units = {"gain": question.fit["gain"].unit, "time_constant": "s"}
         given = [with_unit(getattr(reading, name), units[name]) for name in question.names if name in units]
         return f"{SPOKEN[reading.method]}, which gives {' and '.join(given)}"

@@ -1,4 +1,4 @@
-"""Series resistance: a winding, a cable or an amplifier of more ohms than the sheet knows, or a warm one."""
+"""Series resistance: a winding, a cable or an amplifier with more resistance than on the data sheet, or a warm winding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Viscous friction: drag in proportion to the speed, which a data sheet seldom knows."""
+"""Viscous friction: drag in proportion to the speed, which a data sheet seldom gives."""
 
 from __future__ import annotations
 

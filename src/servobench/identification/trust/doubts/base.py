@@ -1,10 +1,10 @@
-"""The kind `doubts`: what data and estimates give to think, before and after the fit, each a finding with what to do about it.
+"""The kind `doubts`: checks of data and estimates, before and after the fit, each a finding with what to do about it.
 
 A doubt is one file in this folder, which gives a `Doubt` to `DOUBTS.member(name)`. Each code of its findings needs a row in
 `core/finding_codes.py`, which says what it means and what to do, for the reference page (`make generate`).
 
-What it says before the fit keeps a useless one from being made (a refusal), or tells what the fit can't know; what it says after
-the fit weighs what came out. Doubts are cheap: they fit no model again.
+Before the fit, a doubt prevents a useless fit (a refusal) or reports what the fit can't know; after the fit, it judges the
+result. Doubts are cheap: none of them fits a model.
 """
 
 from __future__ import annotations

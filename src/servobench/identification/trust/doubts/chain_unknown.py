@@ -1,8 +1,8 @@
-"""A speed that comes without word of how it was measured: how much of the delay is the measurement's.
+"""A speed without information on its measurement: how much of the delay belongs to the measurement.
 
-A speed that was differenced lags by half a sample time b, one that was read is in time. Nothing in the data shows which. The
-delay that is found is the motor's plus something between 0 and b: evenly spread, its mean square is b²/3, which is added to the
-variance of the delay. A filter that nobody mentions lags by more, and is nothing that could be allowed for.
+A differenced speed lags by half a sample time b, a directly measured one doesn't. The data don't show which it is. The
+estimated delay is the motor's plus something between 0 and b: spread evenly, its mean square is b²/3, which is added to the
+variance of the delay. An undeclared filter lags by more, and can't be allowed for.
 """
 
 from __future__ import annotations

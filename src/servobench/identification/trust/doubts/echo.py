@@ -1,4 +1,4 @@
-"""An input that is the output once more."""
+"""An input that is a copy of the output."""
 
 from __future__ import annotations
 

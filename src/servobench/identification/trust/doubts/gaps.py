@@ -1,4 +1,4 @@
-"""Times that aren't even, and gaps in which nobody knows what the input did."""
+"""Uneven times, and gaps in which the input isn't known."""
 
 from __future__ import annotations
 

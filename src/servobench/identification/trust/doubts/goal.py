@@ -1,4 +1,4 @@
-"""An input that is the goal of a control loop, and not what drives the motor."""
+"""An input that is the goal of a control loop, not the motor's voltage."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""What a computer's clock can't tell of the delay: when, within a read or a write, the device did what it was asked for.
+"""The uncertainty of the delay due to a computer's clock: when, within a read or a write, the device acted.
 
-Sample k is latched at some time while the device is read, and the voltage acts from some time while it is written. The output's
-times are the earliest, the input's the latest that they can be, so that the delay is too short by something between 0 and the
-length b of the two calls, on average. Nothing in the data shows which: it is the same as a delay of the motor. Evenly spread
-over that span its mean square is b²/3, which is added to the delay's variance. Gain and time constant aren't moved, as the delay
-takes up what is the same for all samples.
+Sample k is latched at some time during the read, and the voltage acts from some time during the write. The recorded times of
+the output are the earliest possible, those of the input the latest, so on average the delay is too short by something between 0
+and the length b of the two calls. The data can't separate this from a delay of the motor. Spread evenly over this span, its
+mean square is b²/3, which is added to the delay's variance. Gain and time constant don't change, because the delay absorbs what
+is the same for all samples.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 _WORTH_A_WORD = 0.5  # of the standard deviation of the delay
 
 
-def with_what_the_computer_hides(fit: Fit) -> Fit:
-    """Return the fit with the delay's variance larger by what reading and writing hide of it."""
+def widen_for_host_delay(fit: Fit) -> Fit:
+    """Return the fit with the uncertainty of the read and write times added to the delay's variance."""
     hidden = _host_delay(fit)
     if not hidden:
         return fit

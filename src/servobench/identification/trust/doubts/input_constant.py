@@ -1,4 +1,4 @@
-"""An input that never changes, under which the motor does nothing else than turn on."""
+"""A constant input, at which the motor just keeps turning."""
 
 from __future__ import annotations
 

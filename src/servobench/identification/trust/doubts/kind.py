@@ -1,4 +1,4 @@
-"""A position that was said to be a speed, or the other way round."""
+"""A position declared as a speed, or the other way round."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     if fit.fit_percent >= _NEARLY_ALL and fit.sd("gain") < abs(fit.model["gain"]):
         return []
-    same, other = _enough_of(data), _as_the_other(data)
+    same, other = _enough_of(data), _with_other_kind(data)
     explained = _percent_explained(other)
     if not explained >= _NEARLY_ALL:
         return []
@@ -52,7 +52,7 @@ def _enough_of(data: Dataset) -> Dataset:
     return data.part(float(data.t_output[0]), float(data.t_output[_ENOUGH]))
 
 
-def _as_the_other(data: Dataset) -> Dataset:
+def _with_other_kind(data: Dataset) -> Dataset:
     """The same values as a speed in place of a position, or the other way round."""
     part = _enough_of(data)
     if data.kind == "position":

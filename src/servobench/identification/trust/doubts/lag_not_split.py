@@ -1,8 +1,8 @@
-"""A lag of which the data don't tell how much is the time constant and how much is a delay.
+"""A lag that the data can't split into time constant and delay.
 
-A motor of time constant τ behind a delay d lags by τ + d behind any input that is slow beside both: to first order nothing else
-of the two can be seen. Which it is shows in the first moments after a step, and a coarse sensor hides just those. Then the sum
-may be well known where neither of the two is. Where the sensor isn't the reason, the input or the model is, and nothing is known.
+A motor with time constant τ and delay d lags by τ + d behind an input that is slow compared with both; to first order only this
+sum shows. The first moments after a step separate the two, but a coarse sensor hides them. Then the sum may be well known
+although neither of the two is. If the sensor isn't the reason, the input or the model is, and not even the sum is known.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _SAMPLES = 10.0  # a lag that lasts for fewer may be hidden by the sampling alon
 _EXPLAINED = 80.0  # percent of the output: a model that explains less is another motor's
 
 
-def with_what_the_lag_tells(fit: Fit) -> Fit:
-    """Return the fit, with any split of the lag into time constant and delay where a coarse sensor tells their sum only.
+def widen_for_lag_split(fit: Fit) -> Fit:
+    """Return the fit, widened for any split of the lag into time constant and delay if a coarse sensor only shows their sum.
 
         C' = C + s² v v',   v = ∂θ/∂τ at constant τ + d
 
@@ -33,7 +33,7 @@ def with_what_the_lag_tells(fit: Fit) -> Fit:
     estimate, all being as likely between none and the whole lag. The sum keeps its standard deviation. The intervals of the two
     hold what they held before and every such split.
     """
-    if not _is_the_sum_all_that_is_known(fit):
+    if not _is_only_sum_known(fit):
         return fit
     names, theta, tau = fit.model.names, fit.model.theta, fit["time_constant"]
     at, late = names.index("time_constant"), names.index("delay")
@@ -65,7 +65,7 @@ def _variance(fit: Fit) -> float:
     return float(covariance.sum()) if np.isfinite(covariance).all() else np.inf
 
 
-def _is_the_sum_all_that_is_known(fit: Fit) -> bool:
+def _is_only_sum_known(fit: Fit) -> bool:
     """Whether gain and lag are known, the time constant isn't, and a coarse sensor is the reason."""
     if not {"gain", "time_constant", "delay"} <= set(fit.model.names) or not fit.converged:
         return False

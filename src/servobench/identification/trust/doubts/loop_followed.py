@@ -1,8 +1,8 @@
-"""A control loop that doesn't do what it is for: it swings between the limits of the voltage, or runs away from its reference.
+"""A control loop that doesn't work: it swings between the voltage limits, or runs away from its reference.
 
-What is identified may be right all the same, as the voltage that was put out is known; but whoever closes a loop wants to know.
-Three things are looked at: how much of the time the voltage is at its largest, how often it goes from there to the opposite
-beside how often the reference turns, and whether the shaft is ever nearer to the reference than at rest it would have been.
+The identification may still be right, because the applied voltage is known; but the user of the loop wants to know. Three
+things are checked: how much of the time the voltage is at its limit, how often it changes to the opposite limit compared with
+the reversals of the reference, and whether the shaft is ever nearer to the reference than it would have been at rest.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A closed loop whose reference asks too little of the motor to tell it."""
+"""A closed loop whose reference moves the motor too little to identify it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the one voltage stands for where the motor turned one way only."""
+"""The meaning of the one lost voltage if the motor only turned one way."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 
 def _one_way(fit: Fit) -> list[Finding]:
-    """What the one voltage stands for where the motor turned one way only."""
+    """The meaning of the one lost voltage if the motor only turned one way."""
     if fit.structure not in ("first_order_one_way", "first_order_one_way_rest"):
         return []
     if turns_both_ways([record.data for record in fit.records]):

@@ -1,4 +1,4 @@
-"""An input so slow that the motor follows it without a lag that could be told."""
+"""An input so slow that the motor follows it without a measurable lag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An output that comes in coarse steps beside what the motor does."""
+"""An output with steps that are coarse compared with the motion."""
 
 from __future__ import annotations
 

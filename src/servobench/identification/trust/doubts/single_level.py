@@ -1,4 +1,4 @@
-"""A motor that only ever moved under one level of the input: gain and friction can't be told apart."""
+"""A motor that only moved at one level of the input: gain and friction can't be separated."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
     ]
 
 
-def with_gain_and_friction_apart(fit: Fit) -> Fit:
-    """Return the fit with a line for any split of the speed K (u - u_c) between the two, where one level alone moved the motor.
+def widen_for_gain_friction_split(fit: Fit) -> Fit:
+    """Return the fit with a budget line for any split of the speed K (u - u_c) between the two, if it only moved at one level.
 
-    What a record says of the friction of a shaft at rest under no input is nothing, whatever the model makes of it there.
+    A shaft at rest without an input says nothing about friction, whatever the model infers there.
     """
     friction = next((name for name in _FRICTION if name in fit.model.names), "")
     if not friction or "gain" not in fit.model.names:
@@ -58,10 +58,10 @@ def with_gain_and_friction_apart(fit: Fit) -> Fit:
     return fit.widen(line)
 
 
-def with_what_one_level_tells(fit: Fit) -> Fit:
-    """Return the fit, with gain and friction unknown where one level of the input only moved the motor.
+def widen_for_single_level(fit: Fit) -> Fit:
+    """Return the fit, with gain and friction unknown if the motor only moved at one level of the input.
 
-    Every pair with the same K (u - u_c) makes the same motion, so that each of the two may be anything. The time constant and the
+    Every pair with the same K (u - u_c) gives the same motion, so each of the two may have any value. The time constant and the
     delay are known from the shape of that motion, and stay as they are.
     """
     names = fit.model.names

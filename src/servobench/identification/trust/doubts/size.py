@@ -1,4 +1,4 @@
-"""Sizes that no servo motor has: mostly a unit that is another one than was said."""
+"""Values that no servo motor has: usually a wrong unit."""
 
 from __future__ import annotations
 

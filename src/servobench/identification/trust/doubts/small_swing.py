@@ -1,4 +1,4 @@
-"""A pendulum that swung too little to tell a constant voltage from gravity's part by the cosine."""
+"""A pendulum that swung too little to separate a constant voltage from the cosine part of gravity."""
 
 from __future__ import annotations
 

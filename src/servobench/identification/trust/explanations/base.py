@@ -1,9 +1,8 @@
-"""The kind `explanations`: causes that a bad fit may have, which are tried against each other on the data.
+"""The kind `explanations`: possible causes of a bad fit, compared on the data.
 
-Where the residuals of a fit object, or no fit was possible, each explanation says by how much it makes the motor's equation
-(`equation`) hold better. The best one is told if a fit with it bears it out (`trial`): then the user knows what to mend, and not
-only that something is wrong. A cause is an accusation: without evidence of its own none is made
-(docs/decisions/0040-causes.md).
+If the residuals of a fit have a pattern, or no fit was possible, each explanation says by how much it improves the motor's
+equation (`equation`). The best one is reported if a fit confirms it (`trial`), so that the user knows what to correct. No cause
+is reported without evidence of its own (docs/decisions/0040-causes.md).
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from servobench.identification.trust.explanations.equation import (
     motion,
     regression,
 )
-from servobench.identification.trust.explanations.trial import fit_plainly, is_borne_out
+from servobench.identification.trust.explanations.trial import fit_plainly, is_confirmed
 from servobench.recordings.measurement.dataset import Dataset
 
 _CONVINCING = 0.6  # of the misfit may be left where a cause is told
@@ -150,7 +149,7 @@ class Causes:
         if cause.remedy is None and not cause.structure:
             return True
         if cause not in self._tried:
-            self._tried[cause] = is_borne_out(cause, self.records, self._without)
+            self._tried[cause] = is_confirmed(cause, self.records, self._without)
         return self._tried[cause]
 
     @cached_property

@@ -1,4 +1,4 @@
-"""A cause that explains why a fit is bad, before anybody has tried it."""
+"""A possible cause of a bad fit, before the trial."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def _at_rate(m: Motion, rate: float) -> Array:
     return input_at(m.data, m.t[0] + (m.t - m.t[0]) * (1 + rate))
 
 
-def _out_of_step(case: Case) -> CauseFit | None:
+def _constant_shift(case: Case) -> CauseFit | None:
     """The best constant shift that puts the input before the output that it causes."""
     step = max(each.data.sample_time for each in case.motions)
     spans = step * np.unique(np.round(_AHEAD * 1.4 ** np.arange(16)))
@@ -100,4 +100,4 @@ def _shift_inputs(case: Case, span: float) -> tuple[float, Regression]:
 
 
 EXPLANATIONS.member("clock_drift")(_drift)
-EXPLANATIONS.member("out_of_step")(_out_of_step)
+EXPLANATIONS.member("out_of_step")(_constant_shift)

@@ -2,13 +2,11 @@
 
     τ ω' + ω = K (u - d u' - u₀ - u_c sgn ω) + what the cause adds
 
-Each signal goes through the same filter F(s) = 1/(T s + 1)³, which makes the derivatives of the measured ones harmless
-(Young 1965). It is linear in τ and all the rest, so that no first guess can be wrong, and garbage in half of a record
-can't lead a search astray. It isn't meant for estimates: noise in ω' biases them. It is meant to say by how much a cause
-makes the equation hold better.
+Each signal goes through the same filter F(s) = 1/(T s + 1)³, so that the derivatives of measured signals can be computed (Young
+1965). The equation is linear in τ and all other parameters, so it needs no first guess, and bad data in half of a record can't
+mislead a search. It isn't meant for estimates, which the noise in ω' biases, but for the improvement that a cause brings.
 
-Where the output was measured through a chain L, the equation holds for L ω, and so all that causes the motion goes through L
-as well.
+If the output was measured through a chain L, the equation holds for L ω, so all causes of the motion go through L as well.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""An input that acts only after it has turned round by some width: a valve's or a gear's play before the motor."""
+"""An input that only acts after it has reversed by some width: play in a valve or a gear before the motor."""
 
 from __future__ import annotations
 

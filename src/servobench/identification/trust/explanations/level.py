@@ -1,4 +1,4 @@
-"""One level of the input that acts like another one: a label that isn't true, or a supply that couldn't keep up."""
+"""One level of the input that acts like another one: a wrong label, or a supply that couldn't keep up."""
 
 from __future__ import annotations
 

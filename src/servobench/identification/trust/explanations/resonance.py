@@ -1,4 +1,4 @@
-"""Two masses that swing against each other: a shaft, a belt or a coupling between motor and load that gives."""
+"""Two masses that swing against each other: an elastic shaft, belt or coupling between motor and load."""
 
 from __future__ import annotations
 

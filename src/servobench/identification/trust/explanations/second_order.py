@@ -1,4 +1,4 @@
-"""A response with one more pole than a motor has: something swings or lags behind the shaft."""
+"""A response with one more pole than a motor has: something swings, or lags behind the shaft."""
 
 from __future__ import annotations
 

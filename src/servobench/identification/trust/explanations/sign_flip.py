@@ -1,4 +1,4 @@
-"""A sign that turns round in the middle of a record: an encoder's or an amplifier's wires changed places, or a setting did."""
+"""A sign that changes in the middle of a record: swapped wires of an encoder or an amplifier, or a changed setting."""
 
 from __future__ import annotations
 

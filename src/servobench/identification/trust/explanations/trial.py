@@ -1,13 +1,13 @@
-"""Whether a cause is borne out: the motor is fitted with it and without it, and what is left over is held against each other.
+"""Whether a fit confirms a cause: the motor is fitted with and without it, and the residuals are compared.
 
-The motor's equation (`equation`) is biased by noise, and one more column takes up some of that bias, so that a cause may make it
-hold better where nothing is wrong. The simulation of a fit has no such bias. A cause is borne out if
+Noise biases the motor's equation (`equation`), and one more column absorbs some of that bias, so a cause may improve it
+although nothing is wrong. The simulation of a fit has no such bias. A cause is confirmed if
 
     Σ r₀² / Σ r₁² ≥ 1/0.6   and   (T/τ) ln(Σ r₀² / Σ r₁²) ≥ 20,
 
-r₀ and r₁ being the residuals of the speed, over a time constant τ, of the fits without it and with it, T the time recorded. What
-a random torque leaves over there is as good as T/τ independent values, so that the second is a likelihood ratio (Wilks 1938): a
-cause that had thirty sizes and two numbers to choose reaches 20 by chance once in a thousand records (2 ln 30 + 2 · 6.9 = 20.6).
+r₀ and r₁ being the residuals of the speed, over a time constant τ, of the fits without it and with it, T the time recorded. The
+residual due to a random torque is worth T/τ independent values, so the second is a likelihood ratio (Wilks 1938): a cause with
+thirty sizes and two free parameters reaches 20 by chance once in a thousand records (2 ln 30 + 2 · 6.9 = 20.6).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _FITS = 50.0  # percent of the output that a fit with the cause explains at leas
 _LONGEST = 0.1  # of the record: the longest lag over which residuals are differenced
 
 
-def is_borne_out(cause: CauseFit, records: Sequence[Dataset], without: Fit | None) -> bool:
-    """Return whether the motor that the cause makes of the records, or of its structure, is the better one by simulation.
+def is_confirmed(cause: CauseFit, records: Sequence[Dataset], without: Fit | None) -> bool:
+    """Return whether the motor with the cause, in the records or in its structure, simulates the data better.
 
     `without` is the fit without any cause, as `fit_plainly` gives it.
     """

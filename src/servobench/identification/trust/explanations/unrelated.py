@@ -1,4 +1,4 @@
-"""An input that the output doesn't know of."""
+"""An input without any effect on the output."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def straight_through(latch: Latch) -> Sample:
     return latch()
 
 
-def as_asked(voltage: float, put: Put) -> float:
+def write_unchanged(voltage: float, put: Put) -> float:
     """Write a voltage [V], and change nothing."""
     return put(voltage)
 
@@ -78,7 +78,7 @@ class Injection:
     """A fault at work in one run: what it makes of a read, and of a write [V]."""
 
     read: Callable[[Latch], Sample] = straight_through
-    write: Callable[[float, Put], float] = as_asked
+    write: Callable[[float, Put], float] = write_unchanged
 
 
 class Fault(Settings, ABC):

@@ -19,7 +19,7 @@ class Lost(Occasional):
     """
 
     @model_validator(mode="after")
-    def _is_any_left(self) -> Self:
+    def _check_loss(self) -> Self:
         each = self.every == 1 or self.probability == 1 or (self.every is None and self.probability is None)
         if self.for_ is None and each:
             raise ValueError(

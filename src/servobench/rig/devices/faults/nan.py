@@ -1,4 +1,4 @@
-"""Values that are no numbers."""
+"""Values that aren't numbers."""
 
 from __future__ import annotations
 

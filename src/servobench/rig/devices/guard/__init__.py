@@ -1,1 +1,1 @@
-"""The kind `monitors`: what looks at each sample of a guarded device and says when it must not go on."""
+"""The kind `monitors`: checks of each sample of a guarded device that decide when the motor must be stopped."""

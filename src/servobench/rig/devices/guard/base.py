@@ -26,7 +26,7 @@ class Alarm(NamedTuple):
 class Nominal:
     """What is known of a motor beforehand, within 20 %: gain K [rad/(s·V)], time constant τ [s], Coulomb voltage [V].
 
-    `resistance` of the winding [Ω] is None where nobody gave it.
+    `resistance` of the winding [Ω] is None if unknown.
     """
 
     gain: float
@@ -148,7 +148,7 @@ class Monitor(Protocol):
     def of(cls, rig: Rig) -> Self | None:
         """Return a monitor for a run, or None where it is switched off or nothing is known to watch by.
 
-        Raises `UsageError` where a limit is asked for that the device can't be held to.
+        Raises `UsageError` for a limit that can't be checked on this device.
         """
         ...
 

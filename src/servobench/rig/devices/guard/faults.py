@@ -1,4 +1,4 @@
-"""Faults: why a motor was stopped, kept until somebody has seen to it; and those that are no monitor's."""
+"""Faults: why a motor was stopped, kept until they are acknowledged; and those without a monitor."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Fault:
 
 
 def faults_found(faults: Iterable[Fault], told: Iterable[Finding]) -> list[Finding]:
-    """Return a finding for each fault, but for those whose code has been told already."""
+    """Return a finding for each fault whose code hasn't been reported yet."""
     known = {finding.code for finding in told}
     return [_finding(fault) for fault in faults if fault.code not in known]
 
@@ -60,7 +60,7 @@ def saturation_finding(samples: int) -> Finding:
 
 
 def starvation_alarm(silent: float, timeout: float) -> Alarm:
-    """Return that nobody drove for some time, longer than the timeout [s]."""
+    """Return the fault that the device wasn't driven for longer than the timeout [s]."""
     return Alarm(
         "watchdog",
         f"no new voltage came for {milliseconds(silent)} ms after a new sample (limit: {1000 * timeout:g} ms); find "

@@ -1,4 +1,4 @@
-"""The motor that is supposed to be there: by numbers, by the name of a data sheet, or by the one that the device names itself."""
+"""The motor that the guard assumes: by numbers, by the name of a data sheet, or by the device's own information."""
 
 from __future__ import annotations
 

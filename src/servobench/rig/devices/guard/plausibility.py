@@ -29,7 +29,7 @@ class PlausibilityMonitor:
 
     34 ms for a QUBE-Servo with 2048 counts a turn: an encoder that stands for T is not that of a motor that turns freely.
 
-    A blocked shaft does the same, and is the stall monitor's business. The two are told apart by the current, where it is
+    A blocked shaft looks the same, and belongs to the stall monitor. The current separates the two, if it is
     measured and the winding's resistance is known: at rest it is u/R, so below 0.6 u/R the motor turns, if it was seen to draw
     more before: a voltage that is still on its way, or an amplifier that is off, draws nothing at all. Without a current, and to
     begin with, an encoder is suspect where it went from at least half of the steady speed at u to standing at once, within its
@@ -56,7 +56,7 @@ class PlausibilityMonitor:
 
     @classmethod
     def of(cls, rig: Rig) -> Self | None:
-        """Return a monitor where a motor is known that the encoder can be held against."""
+        """Return a monitor if a motor is known to compare the encoder with."""
         if rig.limits.plausibility is None or rig.nominal is None or rig.angle is None or not rig.in_volts:
             return None
         smoothing = max(SMOOTHING, 2 * rig.sample_time)

@@ -1,4 +1,4 @@
-"""What is tried, and by whom, where a device call doesn't return: the other ways to zero volts, by threads of their own."""
+"""What happens if a device call doesn't return: threads of their own try the other ways to zero volts."""
 
 from __future__ import annotations
 

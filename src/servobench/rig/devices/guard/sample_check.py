@@ -1,4 +1,4 @@
-"""What a device may answer before anything is made of it: finite numbers in a sample, and a voltage that it can put out."""
+"""The check of a device's answers before they are used: finite numbers in a sample, and a voltage that it can put out."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class SpeedMonitor:
 
     @classmethod
     def of(cls, rig: Rig) -> Self | None:
-        """Return a monitor where there is a limit; raises `UsageError` where the device's speed can't be told."""
+        """Return a monitor where there is a limit; raises `UsageError` if the device's speed can't be determined."""
         if rig.limits.speed is None:
             return None
         if rig.angle is None:

@@ -1,4 +1,4 @@
-"""Steps of the encoder that no motor makes."""
+"""Encoder steps that no motor can make."""
 
 from __future__ import annotations
 

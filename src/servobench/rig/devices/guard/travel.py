@@ -23,7 +23,7 @@ class TravelMonitor:
 
     @classmethod
     def of(cls, rig: Rig) -> Self | None:
-        """Return a monitor where there is a limit; raises `UsageError` where the device's angle can't be told."""
+        """Return a monitor where there is a limit; raises `UsageError` if the device's angle can't be determined."""
         if rig.limits.travel is None:
             return None
         if rig.angle is None:

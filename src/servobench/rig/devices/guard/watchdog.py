@@ -1,4 +1,4 @@
-"""The watchdog's watcher: a thread that looks from time to time whether somebody still drives."""
+"""The watchdog's thread: it checks from time to time whether the loop still drives."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Watcher:
-    """A thread that calls `look` again and again, after as many seconds as the last call returned, until it's told to end.
+    """A thread that calls `look` repeatedly, each time after the seconds that the last call returned, until it is ended.
 
     It runs while the loop's thread sleeps, waits for a device, or computes in Python. It can't run where an extension keeps the
     interpreter's lock, nor in a process that was stopped or killed: only the device's own watchdog helps then.

@@ -1,4 +1,4 @@
-"""Forward Euler (RK1), the solver that section II.A of the paper takes."""
+"""Forward Euler (RK1), the solver in section II.A of the paper."""
 
 from __future__ import annotations
 

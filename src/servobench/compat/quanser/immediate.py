@@ -1,0 +1,262 @@
+"""The part of `HIL` that reads and writes at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from servobench.compat.quanser import groups
+from servobench.compat.quanser.board import CODES, Board
+from servobench.compat.quanser.buffers import INT, output, values
+from servobench.compat.quanser.card import Card
+from servobench.compat.quanser.errors import Code
+from servobench.compat.quanser.groups import NONE, Asked
+
+
+def _read(board: Board, asked: Asked, arrays: tuple[Any, ...]) -> None:
+    chosen = groups.inputs(board.layout, asked)
+    found = groups.results(chosen, arrays)
+    with board.call():
+        groups.fill(found, [board.latch(chosen)])
+
+
+def _write(board: Board, asked: Asked, arrays: tuple[Any, ...]) -> None:
+    chosen = groups.outputs(board.layout, asked, pwm=board.pwm)
+    row = groups.rows(chosen, arrays)[0]
+    with board.call():
+        board.put(chosen, row)
+
+
+def _read_write(
+    board: Board, asked: Asked, wanted: Asked, arrays: tuple[Any, ...], given: tuple[Any, ...]
+) -> None:
+    """Read, then write, in one call."""
+    inputs = groups.inputs(board.layout, asked)
+    outputs = groups.outputs(board.layout, wanted, pwm=board.pwm)
+    found, row = groups.results(inputs, arrays), groups.rows(outputs, given)[0]
+    with board.call():
+        groups.fill(found, [board.latch(inputs)])
+        board.put(outputs, row)
+
+
+def _one(place: int, channels: Any, count: Any) -> Asked:
+    """Channels of one group."""
+    return [(channels, count) if number == place else NONE for number in range(4)]
+
+
+def _alone(place: int, array: Any) -> tuple[Any, ...]:
+    """The array of one group."""
+    return tuple(array if number == place else None for number in range(4))
+
+
+class Immediate(Card):
+    """A board that is read and written at once."""
+
+    def read_analog(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Read analog inputs: channel 0 is the motor's current [A]."""
+        _read(self._board(), _one(0, channels, num_channels), _alone(0, buffer))
+
+    def read_analog_codes(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Read analog inputs as the converter gives them."""
+        board = self._board()
+        chosen = groups.inputs(board.layout, _one(0, channels, num_channels))
+        found = output(buffer, len(chosen.analog), INT, "analog buffer", Code.MISSING_ANALOG_INPUT_BUFFER)
+        with board.call():
+            found.fill(round(current / board.motion.current_step) for current in board.latch(chosen)[0])
+
+    def read_encoder(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Read encoders [counts]: 0 is the motor's, 1 the pendulum's."""
+        _read(self._board(), _one(1, channels, num_channels), _alone(1, buffer))
+
+    def read_digital(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Read digital inputs: the amplifier's fault, the warning and the error of a stall."""
+        _read(self._board(), _one(2, channels, num_channels), _alone(2, buffer))
+
+    def read_other(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Read other inputs: the tachometers [counts/s]."""
+        _read(self._board(), _one(3, channels, num_channels), _alone(3, buffer))
+
+    def read(
+        self,
+        analog_channels: Any,
+        num_analog_channels: Any,
+        encoder_channels: Any,
+        num_encoder_channels: Any,
+        digital_channels: Any,
+        num_digital_channels: Any,
+        other_channels: Any,
+        num_other_channels: Any,
+        analog_buffer: Any,
+        encoder_buffer: Any,
+        digital_buffer: Any,
+        other_buffer: Any,
+    ) -> None:
+        """Read inputs of all groups at one time."""
+        asked = (
+            (analog_channels, num_analog_channels),
+            (encoder_channels, num_encoder_channels),
+            (digital_channels, num_digital_channels),
+            (other_channels, num_other_channels),
+        )
+        _read(self._board(), asked, (analog_buffer, encoder_buffer, digital_buffer, other_buffer))
+
+    def write_analog(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Write analog outputs: channel 0 is the motor's voltage [V]."""
+        _write(self._board(), _one(0, channels, num_channels), _alone(0, buffer))
+
+    def write_analog_codes(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Write analog outputs as their converter takes them."""
+        board = self._board()
+        chosen = groups.outputs(board.layout, _one(0, channels, num_channels), pwm=board.pwm)
+        count = len(chosen.analog)
+        codes = values(buffer, count, INT, "analog buffer", Code.MISSING_ANALOG_OUTPUT_BUFFER)
+        _write(
+            board,
+            _one(0, channels, num_channels),
+            _alone(0, np.asarray(codes, np.float64) * 2 * board.motion.limit / CODES),
+        )
+
+    def write_pwm(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Write duty cycles to PWM outputs, -1 to 1."""
+        _write(self._board(), _one(1, channels, num_channels), _alone(1, buffer))
+
+    def write_digital(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Write digital outputs: channel 0 turns the amplifier on."""
+        _write(self._board(), _one(2, channels, num_channels), _alone(2, buffer))
+
+    def write_other(self, channels: Any, num_channels: Any, buffer: Any) -> None:
+        """Write other outputs: the light, red, green and blue from 0 to 1."""
+        _write(self._board(), _one(3, channels, num_channels), _alone(3, buffer))
+
+    def write(
+        self,
+        analog_channels: Any,
+        num_analog_channels: Any,
+        pwm_channels: Any,
+        num_pwm_channels: Any,
+        digital_channels: Any,
+        num_digital_channels: Any,
+        other_channels: Any,
+        num_other_channels: Any,
+        analog_buffer: Any,
+        pwm_buffer: Any,
+        digital_buffer: Any,
+        other_buffer: Any,
+    ) -> None:
+        """Write outputs of all groups at one time."""
+        wanted = (
+            (analog_channels, num_analog_channels),
+            (pwm_channels, num_pwm_channels),
+            (digital_channels, num_digital_channels),
+            (other_channels, num_other_channels),
+        )
+        _write(self._board(), wanted, (analog_buffer, pwm_buffer, digital_buffer, other_buffer))
+
+    def read_analog_write_analog(
+        self,
+        input_channels: Any,
+        num_input_channels: Any,
+        output_channels: Any,
+        num_output_channels: Any,
+        input_buffer: Any,
+        output_buffer: Any,
+    ) -> None:
+        """Read analog inputs, then write analog outputs."""
+        asked, wanted = (
+            _one(0, input_channels, num_input_channels),
+            _one(0, output_channels, num_output_channels),
+        )
+        _read_write(self._board(), asked, wanted, _alone(0, input_buffer), _alone(0, output_buffer))
+
+    def read_encoder_write_pwm(
+        self,
+        input_channels: Any,
+        num_input_channels: Any,
+        output_channels: Any,
+        num_output_channels: Any,
+        input_buffer: Any,
+        output_buffer: Any,
+    ) -> None:
+        """Read encoders, then write PWM outputs."""
+        asked, wanted = (
+            _one(1, input_channels, num_input_channels),
+            _one(1, output_channels, num_output_channels),
+        )
+        _read_write(self._board(), asked, wanted, _alone(1, input_buffer), _alone(1, output_buffer))
+
+    def read_digital_write_digital(
+        self,
+        input_channels: Any,
+        num_input_channels: Any,
+        output_channels: Any,
+        num_output_channels: Any,
+        input_buffer: Any,
+        output_buffer: Any,
+    ) -> None:
+        """Read digital inputs, then write digital outputs."""
+        asked, wanted = (
+            _one(2, input_channels, num_input_channels),
+            _one(2, output_channels, num_output_channels),
+        )
+        _read_write(self._board(), asked, wanted, _alone(2, input_buffer), _alone(2, output_buffer))
+
+    def read_other_write_other(
+        self,
+        input_channels: Any,
+        num_input_channels: Any,
+        output_channels: Any,
+        num_output_channels: Any,
+        input_buffer: Any,
+        output_buffer: Any,
+    ) -> None:
+        """Read other inputs, then write other outputs."""
+        asked, wanted = (
+            _one(3, input_channels, num_input_channels),
+            _one(3, output_channels, num_output_channels),
+        )
+        _read_write(self._board(), asked, wanted, _alone(3, input_buffer), _alone(3, output_buffer))
+
+    def read_write(
+        self,
+        analog_input_channels: Any,
+        num_analog_input_channels: Any,
+        encoder_input_channels: Any,
+        num_encoder_input_channels: Any,
+        digital_input_channels: Any,
+        num_digital_input_channels: Any,
+        other_input_channels: Any,
+        num_other_input_channels: Any,
+        analog_output_channels: Any,
+        num_analog_output_channels: Any,
+        pwm_output_channels: Any,
+        num_pwm_output_channels: Any,
+        digital_output_channels: Any,
+        num_digital_output_channels: Any,
+        other_output_channels: Any,
+        num_other_output_channels: Any,
+        analog_input_buffer: Any,
+        encoder_input_buffer: Any,
+        digital_input_buffer: Any,
+        other_input_buffer: Any,
+        analog_output_buffer: Any,
+        pwm_output_buffer: Any,
+        digital_output_buffer: Any,
+        other_output_buffer: Any,
+    ) -> None:
+        """Read inputs of all groups, then write outputs of all groups."""
+        asked = (
+            (analog_input_channels, num_analog_input_channels),
+            (encoder_input_channels, num_encoder_input_channels),
+            (digital_input_channels, num_digital_input_channels),
+            (other_input_channels, num_other_input_channels),
+        )
+        wanted = (
+            (analog_output_channels, num_analog_output_channels),
+            (pwm_output_channels, num_pwm_output_channels),
+            (digital_output_channels, num_digital_output_channels),
+            (other_output_channels, num_other_output_channels),
+        )
+        arrays = (analog_input_buffer, encoder_input_buffer, digital_input_buffer, other_input_buffer)
+        given = (analog_output_buffer, pwm_output_buffer, digital_output_buffer, other_output_buffer)
+        _read_write(self._board(), asked, wanted, arrays, given)

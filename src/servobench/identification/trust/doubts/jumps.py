@@ -1,0 +1,60 @@
+"""A position that goes on from somewhere else: rows or a turn lost, a coupling that slipped, a counter that was set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, warning
+from servobench.core.rounding import with_unit
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.formats.times import in_words
+from servobench.recordings.measurement.dataset import Dataset
+
+_LARGE = 6.0  # times what is usual among the largest departures
+_QUANTA = 4.0  # steps of the sensor: a few may be lost, or come together, in an interrupt that is late
+_MOST = 0.005  # of the samples: more than that isn't a few jumps but how this sensor works
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in _of(record)]
+
+
+def _of(data: Dataset) -> list[Finding]:
+    if data.kind != "position" or any(finding.code == "angle-wraps" for finding in data.findings):
+        return []
+    which = jumps(data.t_output, data.y, data.quantum or 0.0)
+    if not len(which):
+        return []
+    size = float(data.y[which[0] + 1] - data.y[which[0]])
+    sentence = (
+        f"{data.name}: the position jumps in {in_words(which + 2, 'sample')}, first by {with_unit(size, data.output_unit)}, and "
+        "goes on from there, which no shaft does: rows are missing, a turn was lost, a coupling slipped, or the counter was set. "
+        "Use the part before or after it."
+    )
+    rows = (int(which[0]) + 2, int(which[-1]) + 2)
+    return [warning("output-jumps", sentence, parameters=("gain", "time_constant"), rows=rows)]
+
+
+def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
+    """Return the indices (K,) of the samples of y (N,) at times t (N,) [s] after which it goes on from somewhere else.
+
+    A step from one sample to the next is held against those two before and after it, which have to agree with each other. What
+    it departs from them by is held against the 99th percentile of all and against four quanta.
+    """
+    if len(y) < 50:
+        return np.array([], dtype=np.int64)
+    step = np.diff(t)
+    speed = np.diff(y) / step
+    around = np.stack([speed[at : len(speed) - 4 + at] for at in (0, 1, 3, 4)])
+    off = np.abs(speed[2:-2] - np.median(around, axis=0)) * step[2:-2]
+    differ = np.ptp(around, axis=0) * step[2:-2]
+    limit = max(_LARGE * float(np.percentile(off, 99)), _QUANTA * quantum)
+    found = np.flatnonzero((off > limit) & (off > 2.0 * differ)) + 2
+    return found if len(found) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
+
+
+DOUBTS.member("jumps")(Doubt(codes=("output-jumps",), about_data=_about))

@@ -1,0 +1,182 @@
+"""Programs in the styles that are common for the board run unmodified, and leave the motor at rest."""
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parent / "scripts"
+GAIN = 1 / 0.042  # rad/(s·V), of a motor without friction
+
+
+def run(script: Path, *options: str, arguments: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
+    """Run a program on the stand-in."""
+    command = [sys.executable, "-m", "servobench.compat.quanser", *options, str(script), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, input="\n", check=False)
+
+
+def written(folder: Path, text: str) -> Path:
+    """A program of that text."""
+    path = folder / "program.py"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+OPEN = """
+import sys, time, numpy as np
+from quanser.hardware import HIL, HILError
+one = np.array([0], dtype=np.uint32)
+card = HIL("qube_servo2_usb", "0")
+card.write_digital(one, 1, np.array([1], dtype=np.int8))
+card.write_analog(one, 1, np.array([2.0]))
+time.sleep(1.0)
+"""
+
+
+@pytest.mark.parametrize("name", ["immediate", "hardware_timed", "filtered_control", "watchdog"])
+def test_a_program_runs_and_says_that_it_was_a_stand_in_and_that_the_motor_is_at_rest(name: str) -> None:
+    ended = run(SCRIPTS / f"{name}.py")
+
+    assert ended.returncode == 0, ended.stderr
+    assert "Unable" not in ended.stdout
+    assert ended.stderr.count("a stand-in for the QUBE-Servo") == 1
+    assert "simulated hardware only" in ended.stderr
+    assert ended.stderr.rstrip().endswith(": 0 V, amplifier off.")
+
+
+def test_immediate_calls_turn_the_motor_as_far_as_its_equations_say() -> None:
+    ended = run(SCRIPTS / "immediate.py")
+
+    found = re.fullmatch(r"(\d+) counts after 1\.\d+ s\n", ended.stdout)
+    assert found
+    # K (V - V_c) (t - τ), with τ = 0.1 s and the Coulomb voltage of 0.16 V, for t = 1 s; 1 % for the calls' own time.
+    expected = GAIN * (2 - 0.16) * (1.0 - 0.0998) * 2048 / (2 * 3.14159)
+    assert abs(int(found[1]) - expected) < 0.01 * expected
+
+
+def test_a_task_times_a_loop_without_losing_a_sample() -> None:
+    ended = run(SCRIPTS / "hardware_timed.py")
+
+    # Friction stops a proportional loop within V_c / k_p = 0.16 / 3 = 0.05 rad of its goal.
+    found = re.fullmatch(r"position (\d\.\d+) rad, 0 overflows\n", ended.stdout)
+    assert found
+    assert abs(float(found[1]) - 3.14) < 0.06
+
+
+def test_a_starved_watchdog_lets_the_motor_go_and_refuses_until_it_is_cleared() -> None:
+    lines = run(SCRIPTS / "watchdog.py").stdout.splitlines()
+
+    # With the twin's viscous friction the gain is 23.70 rad/(s·V), so that 3 V less 0.16 V of friction give 67.3 rad/s.
+    assert lines == ["fed: 67 rad/s", "refused", "True False", "starved: 0 rad/s"]
+
+
+def test_a_pendulum_that_somebody_lifts_is_balanced() -> None:
+    ended = run(SCRIPTS / "balance.py", "--pendulum")
+
+    found = re.fullmatch(r"balanced for (\d+\.\d) s, the arm at (-?\d\.\d) rad\n", ended.stdout)
+    assert found, ended.stdout + ended.stderr
+    assert float(found[1]) > 6.0  # the hand lifts for 3 s after 2 s, of 12 s in all
+    assert abs(float(found[2])) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("ending", "status"),
+    [
+        ("", 0),
+        ("sys.exit(3)", 3),
+        ("raise SystemExit", 0),
+        ("1 / 0", 1),
+        ("raise KeyboardInterrupt", 130),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGTERM)", 143),
+        ("card.close()", 0),
+    ],
+)
+def test_the_motor_is_at_rest_however_a_program_ends(ending: str, status: int, tmp_path: Path) -> None:
+    ended = run(written(tmp_path, OPEN + ending))
+
+    assert ended.returncode == status
+    last = ended.stderr.rstrip().splitlines()[-1]
+    assert last.startswith("servobench: end: QUBE-Servo 2: 0 V, amplifier off, by the stand-in")
+    assert "left 2 V, amplifier on" in last
+    assert ("never closed the board" in last) == (ending != "card.close()")
+
+
+def test_what_a_program_does_at_its_exit_still_finds_the_board(tmp_path: Path) -> None:
+    program = OPEN + (
+        "import atexit\ndef end():\n    card.write_analog(one, 1, np.zeros(1))\n"
+        "    card.write_digital(one, 1, np.array([0], dtype=np.int8))\n    card.close()\natexit.register(end)\n"
+    )
+    ended = run(written(tmp_path, program))
+
+    assert ended.stderr.rstrip().endswith("QUBE-Servo 2: 0 V, amplifier off.")
+
+
+def test_an_error_of_the_program_is_shown_without_the_frames_of_the_stand_in(tmp_path: Path) -> None:
+    ended = run(written(tmp_path, OPEN + "1 / 0"))
+
+    assert "ZeroDivisionError" in ended.stderr
+    assert "runpy" not in ended.stderr
+
+
+def test_a_program_gets_its_arguments_its_folder_and_its_name(tmp_path: Path) -> None:
+    (tmp_path / "neighbour.py").write_text("value = 7\n", encoding="utf-8")
+    program = written(tmp_path, "import sys, neighbour\nprint(__name__, sys.argv[1:], neighbour.value)\n")
+
+    assert run(program, arguments=("a", "--b")).stdout == "__main__ ['a', '--b'] 7\n"
+
+
+def test_a_program_that_isnt_there_is_a_sentence_and_status_2(tmp_path: Path) -> None:
+    ended = run(tmp_path / "gone.py")
+
+    assert (ended.returncode, ended.stderr.startswith("no such file: ")) == (2, True)
+
+
+def test_an_endless_program_ends_at_ctrl_c_by_its_own_handler(tmp_path: Path) -> None:
+    program = OPEN + (
+        "import signal\nstop = False\ndef end(*_):\n    global stop\n    stop = True\nsignal.signal(signal.SIGINT, end)\n"
+        "task = card.task_create_encoder_reader(100, one, 1)\ncard.task_start(task, 0, 1000, HIL.INFINITE)\n"
+        "counts = np.zeros(1, dtype=np.int32)\nprint('running', flush=True)\n"
+        "while not stop:\n    card.task_read_encoder(task, 1, counts)\n"
+        "card.write_analog(one, 1, np.zeros(1))\ncard.write_digital(one, 1, np.array([0], dtype=np.int8))\n"
+        "card.close()\nprint('ended')\n"
+    )
+    command = [sys.executable, "-m", "servobench.compat.quanser", str(written(tmp_path, program))]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "running\n"
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=300)
+
+    assert (out, child.returncode) == ("ended\n", 0)
+    assert err.rstrip().endswith("QUBE-Servo 2: 0 V, amplifier off.")
+
+
+def test_two_threads_are_paced_by_the_wall_clock_and_both_get_on(tmp_path: Path) -> None:
+    program = OPEN + (
+        "import threading\nalive = True\ndef control():\n    for _ in range(100):\n"
+        "        card.task_read_encoder(task, 1, counts)\n"
+        "task = card.task_create_encoder_reader(1000, one, 1)\ncounts = np.zeros(1, dtype=np.int32)\n"
+        "card.task_start(task, 0, 1000, HIL.INFINITE)\nthread = threading.Thread(target=control)\nthread.start()\n"
+        "before = time.perf_counter()\nwhile thread.is_alive():\n    time.sleep(0.005)\n"
+        "print(time.perf_counter() - before >= 0.09)\n"
+    )
+
+    assert run(written(tmp_path, program)).stdout == "True\n"
+
+
+def test_a_board_that_is_unplugged_is_an_error_from_then_on(tmp_path: Path) -> None:
+    program = OPEN + (
+        "counts = np.zeros(1, dtype=np.int32)\n"
+        "for k in range(100):\n    try:\n        card.read_encoder(one, 1, counts)\n"
+        "    except HILError as error:\n        print(k, error.error_code)\n    time.sleep(0.1)\ncard.close()\n"
+    )
+    ended = run(written(tmp_path, program), "--unplug", "10")
+
+    lines = ended.stdout.splitlines()
+    first = int(lines[0].split()[0])
+    assert [line.split() for line in lines] == [[str(k), "-41"] for k in range(first, 100)]
+    assert first in range(88, 92)  # 9 s after the first second, at 0.1 s and a call each
+    assert ended.stderr.rstrip().endswith("amplifier off, after it was unplugged.")

@@ -1,0 +1,66 @@
+"""A speed that stops rising before the input does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.trust.doubts.output_limited import DOUBTS
+from tests.contracts.finding_examples.base import sound_fit
+
+N = 4000
+
+
+def simulated() -> np.ndarray:
+    """What a model expects: levels between -60 and 60 rad/s, each approached over 0.1 s."""
+    levels = np.repeat(np.random.default_rng(3).uniform(-60.0, 60.0, N // 100), 100)
+    lag, speed = np.exp(-0.002 / 0.1), np.zeros(N)
+    for n in range(1, N):
+        speed[n] = levels[n] + (speed[n - 1] - levels[n]) * lag
+    return speed
+
+
+def fit_of(measured: np.ndarray) -> Fit:
+    (record,) = sound_fit().records
+    data = replace(
+        record.data,
+        kind="speed",
+        output_unit="rad/s",
+        quantum=None,
+        t_output=np.arange(N) * 0.002,
+        y=measured,
+    )
+    seen: FittedRecord = replace(
+        record,
+        data=data,
+        prediction=simulated(),
+        residual=measured - simulated(),
+        innovations=measured - simulated(),
+        valid=np.ones(N, dtype=bool),
+    )
+    return replace(sound_fit(), records=(seen,))
+
+
+def codes(measured: np.ndarray) -> list[str]:
+    return [each.code for each in DOUBTS["output_limited"].about_fit(fit_of(measured))]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("noise", [0.0, 1.0, 5.0])
+def test_a_range_that_ends_is_seen_behind_noise_and_in_one_direction(sign: int, noise: float) -> None:
+    ended = sign * np.minimum(sign * simulated(), 35.0)
+
+    assert codes(ended + np.random.default_rng(0).normal(0.0, noise, N)) == ["output-limited"]
+
+
+@pytest.mark.parametrize("noise", [0.0, 5.0, 20.0])
+def test_noise_alone_is_no_limit(noise: float) -> None:
+    for seed in range(10):
+        assert codes(simulated() + np.random.default_rng(seed).normal(0.0, noise, N)) == []
+
+
+def test_a_gain_that_falls_by_a_third_has_a_size_and_is_no_limit() -> None:
+    bent = np.sign(simulated()) * np.minimum(np.abs(simulated()), 30.0 + 0.67 * (np.abs(simulated()) - 30.0))
+
+    assert codes(bent) == []
