@@ -31,15 +31,14 @@ class LockStepPort:
             raise OSError(5, "Input/output error")
 
 
-class SimulatedRig(Rig):
-    """The device, with the port that it opened last at hand."""
+class Bench:
+    """Simulated rigs, one for each time that the port is opened; `board` is the one of the last time."""
 
-    def __init__(self, settings: RigSettings, around: Motor | None = None, firmware: str = "rig-500000") -> None:
-        super().__init__(settings, open_port=self._open)
+    def __init__(self, around: Motor | None = None, firmware: str = "rig-500000") -> None:
         self._around = around
         self._firmware = firmware
 
-    def _open(self, name: str, baud: int) -> LockStepPort:
+    def open_port(self, name: str, baud: int) -> LockStepPort:
         self.port = LockStepPort(self._firmware, self._around)
         return self.port
 
@@ -47,7 +46,6 @@ class SimulatedRig(Rig):
     def board(self) -> Board:
         return self.port.board
 
-
-def simulated(around: Motor | None = None, firmware: str = "rig-500000", **settings: object) -> SimulatedRig:
-    """Return the device at a simulated rig, whose settings agree with the motor around it."""
-    return SimulatedRig(RigSettings.model_validate({"port": "simavr", **settings}), around, firmware)
+    def rig(self, **settings: object) -> Rig:
+        """Return the device at this bench; its settings agree with the motor unless others are given."""
+        return Rig(RigSettings.model_validate({"port": "simavr", **settings}), open_port=self.open_port)
