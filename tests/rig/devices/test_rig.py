@@ -12,13 +12,13 @@ from servobench.core.errors import DeviceError, UsageError
 from servobench.identification.identify import identify
 from servobench.recordings.measurement.measure import measure
 from servobench.rig.devices import serial_port
+from servobench.rig.devices.base import RunEnded
 from servobench.rig.devices.rig import FAULTS, Rig, RigSettings
 from servobench.rig.experiment import Experiment, Limits
-from servobench.rig.loop.run import run
 from servobench.rig.lost_device import DeviceLost
 from servobench.rig.wire import conversation
 from servobench.rig.wire.messages import protocol
-from servobench.systems.control.pid import PID
+from servobench.systems.control.pid import Pid
 from servobench.systems.signals.prbs import PRBS
 from servobench.systems.signals.square import Square
 from servobench.systems.signals.step import Step
@@ -41,7 +41,7 @@ def test_a_batch_gives_the_motor_back_without_a_gap(firmware: str, sample_time: 
     bench = Bench(firmware=firmware)
     with bench.rig(baud=int(firmware[4:])) as rig:
         signal = PRBS(low=-3, high=3, bit_time=0.04)
-        recording = run(Experiment(signal=signal, duration=3, sample_time=sample_time), rig)
+        recording = bench.run(Experiment(signal=signal, duration=3, sample_time=sample_time), rig)
         status = bench.board.status()
 
     assert recording.stopped.reason == "finished"
@@ -53,10 +53,9 @@ def test_a_batch_gives_the_motor_back_without_a_gap(firmware: str, sample_time: 
     result = identify(measure(recording))
     truth = bench.board.motor.truth
     for name in ("gain", "time_constant", "coulomb_voltage"):
-        estimate = result.parameters[name]
-        low, high = estimate.interval
-        # Three times the 95 % interval: 6 standard deviations.
-        assert abs(truth[name] - estimate.value) < 1.5 * (high - low), name
+        estimate = result[name]
+        # Twice the 95 % interval: 4 standard deviations.
+        assert abs(truth[name] - estimate.value) < 2 * estimate.half_width, name
 
 
 def test_the_delay_that_a_batch_states_is_the_firmware_s() -> None:
@@ -64,20 +63,20 @@ def test_the_delay_that_a_batch_states_is_the_firmware_s() -> None:
     bench = Bench()
     with bench.rig() as rig:
         experiment = Experiment(signal=PRBS(low=-3, high=3, bit_time=0.01), duration=4, sample_time=0.001)
-        result = identify(measure(run(experiment, rig)))
-    low, high = result.parameters["delay"].interval
+        result = identify(measure(bench.run(experiment, rig)))
+    delay = result["delay"]
 
     # To 10 us, a hundredth of a sample time.
-    assert low - 10e-6 < bench.board.motor.truth["fast"] < high + 10e-6
+    assert abs(bench.board.motor.truth["fast"] - delay.value) < delay.half_width + 10e-6
 
 
 def test_a_position_loop_at_250_hz_has_no_gap_in_its_samples() -> None:
     bench = Bench()
     with bench.rig() as rig:
         experiment = Experiment(
-            signal=Step(final=1.0), controller=PID(kp=10, kd=0.1), duration=1, sample_time=0.004
+            signal=Step(final=1.0), controller=Pid(kp=10, kd=0.1), duration=1, sample_time=0.004
         )
-        recording = run(experiment, rig)
+        recording = bench.run(experiment, rig)
         status = bench.board.status()
 
     assert recording.stopped.reason == "finished"
@@ -90,7 +89,7 @@ def test_the_run_of_a_guard_that_stops_early_ends_the_table_at_once() -> None:
     bench = Bench()
     with bench.rig() as rig:
         experiment = Experiment(signal=Square(low=1, high=3, frequency=0.4), duration=1)
-        recording = run(experiment, rig, watch=lambda progress: "enough" if progress.tick > 100 else None)
+        recording = bench.run(experiment, rig, watch=lambda progress: "enough" if progress.tick > 100 else None)
         bench.board.run(ms=5)
 
         assert recording.stopped.sentence == "enough"
@@ -112,7 +111,7 @@ def ended(break_it: Callable[[Bench], object], **settings: Any) -> tuple[Bench, 
 
         experiment = Experiment(signal=Step(final=6.0), duration=5, limits=Limits(stall=None))
         try:
-            recording = run(experiment, rig, watch=watch)
+            recording = bench.run(experiment, rig, watch=watch)
         except DeviceLost as error:
             recording = error.recording
         assert len(recording["counts"].values) > 100
@@ -150,7 +149,7 @@ def test_a_blocked_shaft_is_cut_off_by_the_board_and_ends_the_run(batch: bool) -
 
 
 def test_a_host_that_comes_too_late_is_told_that_the_watchdog_tripped() -> None:
-    bench, sentence = ended(lambda bench: bench.board.run(ms=80))
+    bench, sentence = ended(lambda bench: bench.board.let_pass(80))
 
     assert "its watchdog tripped: no voltage came for 50 ms" in sentence
 
@@ -161,8 +160,8 @@ def test_what_a_dead_host_left_is_cleared_by_the_next_one() -> None:
         rig.start(0.002, None)
         rig.read()
         rig.write(5.0)
-        bench.board.run(ms=100)
-        with pytest.raises(Exception, match="watchdog tripped"):
+        bench.board.let_pass(100)
+        with pytest.raises(RunEnded, match="watchdog tripped"):
             rig.read()
         rig.start(0.002, None)
         rig.read()
@@ -185,7 +184,7 @@ def test_a_frame_of_the_table_that_is_lost_is_sent_again() -> None:
             whole(data)
 
         bench.port.write = write  # type: ignore[method-assign]
-        recording = run(Experiment(duration=1), rig)
+        recording = bench.run(Experiment(duration=1), rig)
         assert lost == 1
         assert bench.board.status()["received_gaps"] == 1
     assert recording.stopped.reason == "finished"

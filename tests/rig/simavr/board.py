@@ -127,8 +127,12 @@ class Board:
 
     def run(self, ms: float = 0, cycles: int = 0) -> None:
         """Let device time pass, and hear what comes meanwhile."""
-        self._library.rig_run(self._rig, round(ms * MS) + cycles)
+        self.let_pass(ms, cycles)
         self._hear()
+
+    def let_pass(self, ms: float, cycles: int = 0) -> None:
+        """Let device time pass, and leave what comes to somebody else."""
+        self._library.rig_run(self._rig, round(ms * MS) + cycles)
 
     def look(self) -> View:
         view = View()
@@ -172,7 +176,7 @@ class Board:
         """Send a message that is answered by a STATUS, and return that."""
         self.send(name, **values)
         code = PROTOCOL.message(name).code
-        for _ in range(40):
+        for _ in range(200):
             self.run(ms=0.5)
             for status in self.taken("status"):
                 if status["command"] == code:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from servobench.recordings.recording import Recording
+from servobench.rig.devices.guarded import Guarded
 from servobench.rig.devices.rig import Rig, RigSettings
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.run import Watch, run
 from servobench.rig.wire.conversation import TURN
-from tests.rig.simavr.board import Board, Motor
+from tests.rig.simavr.board import CYCLES, Board, Motor
 
 
 class LockStepPort:
@@ -49,3 +53,11 @@ class Bench:
     def rig(self, **settings: object) -> Rig:
         """Return the device at this bench; its settings agree with the motor unless others are given."""
         return Rig(RigSettings.model_validate({"port": "simavr", **settings}), open_port=self.open_port)
+
+    def now(self) -> float:
+        """The time by the board's own clock [s]."""
+        return self.board.look().cycle / CYCLES
+
+    def run(self, experiment: Experiment, rig: Rig, watch: Watch | None = None) -> Recording:
+        """Run an experiment with a guard that goes by device time: the computer's is another one."""
+        return run(experiment, Guarded(rig, experiment.limits, now=self.now), watch=watch)
