@@ -13,7 +13,7 @@ from servobench.identification.identify import identify
 from servobench.recordings.measurement.measure import measure
 from servobench.rig.devices import serial_port
 from servobench.rig.devices.base import RunEnded
-from servobench.rig.devices.rig import FAULTS, Rig, RigSettings
+from servobench.rig.devices.rig import FAULTS, LATCH_TO_DUTY, Rig, RigSettings
 from servobench.rig.experiment import Experiment, Limits
 from servobench.rig.lost_device import DeviceLost
 from servobench.rig.wire import conversation
@@ -22,7 +22,7 @@ from servobench.systems.control.pid import Pid
 from servobench.systems.signals.prbs import PRBS
 from servobench.systems.signals.square import Square
 from servobench.systems.signals.step import Step
-from tests.rig.simavr.board import MS, motor
+from tests.rig.simavr.board import CYCLES, MS, Board, motor
 from tests.rig.simavr.build import needed
 from tests.rig.simavr.lockstep import Bench
 
@@ -59,15 +59,30 @@ def test_a_batch_gives_the_motor_back_without_a_gap(firmware: str, sample_time: 
 
 
 def test_the_delay_that_a_batch_states_is_the_firmware_s() -> None:
-    """What is identified besides is the motor's own: its electrical time constant."""
-    bench = Bench()
-    with bench.rig() as rig:
-        experiment = Experiment(signal=PRBS(low=-3, high=3, bit_time=0.01), duration=4, sample_time=0.001)
-        result = identify(measure(bench.run(experiment, rig)))
-    delay = result["delay"]
-
-    # To 10 us, a hundredth of a sample time.
-    assert abs(bench.board.motor.truth["fast"] - delay.value) < delay.half_width + 10e-6
+    """The encoder serves as a clock: a latched count says when it was latched, by the edges that simavr was given."""
+    rate, duties = 29_370, [10 * k for k in range(1, 65)]
+    with Board(around=motor(step=4)) as board:
+        board.enable("table")
+        for first in range(0, 64, 8):
+            board.send("table", first=first, count=8, last=first == 56, duty=duties[first : first + 8])
+            board.run(ms=2)
+        begun = board.look().cycle
+        board.move_encoder(rate, rate)
+        board.send("sampling", period=2, block=1)
+        changed = []
+        for k, duty in enumerate(duties):
+            if k % 8 == 0:
+                board.send("table", first=64, count=0, last=1, duty=[0] * 8)  # so that the watchdog stays quiet
+            while board.look().duty != duty / 1024:
+                board.let_pass(0, cycles=4)
+            changed.append((board.look().cycle - begun) / CYCLES)
+        board.run(ms=5)
+        blocks = [values for message, values in board.heard if message.name == "block"][:8]
+    assert [duty for block in blocks for duty in block["duty"]] == duties
+    latched = np.concatenate([block["position"] + np.cumsum([0, *block["delta"]]) for block in blocks]) / rate
+    # The latch lies between that edge and the next one, half of their distance after it on average: over 64 phases of clock and
+    # encoder to 34 us / sqrt(12 * 64) = 1.2 us.
+    assert np.mean(changed - latched) - 0.5 / rate == pytest.approx(LATCH_TO_DUTY, abs=5e-6)
 
 
 def test_a_position_loop_at_250_hz_has_no_gap_in_its_samples() -> None:

@@ -18,11 +18,12 @@ from servobench.core.settings import CountsPerRev, PositiveTime, PositiveVoltage
 from servobench.recordings.recording import Stopped
 from servobench.rig.devices.base import DEVICES, RunEnded, finite_voltage
 from servobench.rig.devices.serial_port import SerialPort
-from servobench.rig.wire.conversation import PATIENCE, TURN, Conversation, Port
+from servobench.rig.wire.conversation import ENDLESS, PATIENCE, Conversation, Port
 from servobench.rig.wire.messages import protocol
 
 NAME = "rig"
 BOOT_TIME = 4.0  # s; a board that is reset by the opening of its port runs its boot loader first
+HELLO_TIME = 0.25  # s; without an answer the board is asked again
 BLOCK_PERIOD = 2  # ticks; slower samples come one by one, as eight of them would take too long
 LEAD = 96  # duties that the board is to hold in advance, of the 128 that it can
 LATCH_TO_DUTY = 25e-6  # s; from a sample's latch to the duty that a table puts out with it, by the firmware in simavr
@@ -186,19 +187,16 @@ class Rig:
         talk = self._needs_port()
         if not self._running:
             raise UsageError("rig: no run was started; call start() first")
-        silent = 0.0
+        most = talk.received + ENDLESS
         while not self._samples:
-            heard = 0
             try:
                 for name, values in talk.hear():
-                    heard += 1
                     self._take(name, values)
             except OSError as error:
                 self._raise_lost(error)
-            silent = 0.0 if heard else silent + TURN
-            if silent > PATIENCE:
+            if talk.silent > PATIENCE or talk.received > most:
                 raise DeviceError(
-                    f"rig: nothing came from {self.settings.port} for {PATIENCE:g} s; look at its supply and its cable"
+                    f"rig: no sample came from {self.settings.port} for {PATIENCE:g} s; look at its supply and its cable"
                 )
         sample = self._samples.popleft()
         self._tick = sample.index
@@ -233,25 +231,30 @@ class Rig:
 
     def _greet(self, talk: Conversation) -> None:
         """Wait for the firmware to answer, and make sure that it speaks the same protocol."""
-        waited = 0.0
-        number = None
-        while waited < BOOT_TIME:
-            if number is None or round(waited / TURN) % 5 == 0:
-                number = talk.say("hello", schema=protocol().schema)
-            waited += TURN
-            for name, values in talk.hear():
-                if name != "info":
-                    continue
-                if values["schema"] != protocol().schema:
-                    raise DeviceError(
-                        f"rig: the firmware at {self.settings.port} speaks another protocol (schema {values['schema']:08x}, "
-                        f"expected {protocol().schema:08x}); flash the one that belongs to this version: make -C firmware flash"
-                    )
-                return
+        most = talk.received + ENDLESS
+        for _ in range(round(BOOT_TIME / HELLO_TIME)):
+            talk.silent = 0.0
+            talk.say("hello", schema=protocol().schema)
+            while talk.silent < HELLO_TIME and talk.received < most:
+                if self._finds_firmware(talk):
+                    return
         raise DeviceError(
             f"rig: nobody at {self.settings.port} speaks the rig's protocol at {self.settings.baud} baud; flash the "
             "firmware (make -C firmware flash), or give the port and the baud rate it was built for"
         )
+
+    def _finds_firmware(self, talk: Conversation) -> bool:
+        """Whether the firmware has answered; raises `DeviceError` where it speaks another protocol."""
+        for name, values in talk.hear():
+            if name != "info":
+                continue
+            if values["schema"] != protocol().schema:
+                raise DeviceError(
+                    f"rig: the firmware at {self.settings.port} speaks another protocol (schema {values['schema']:08x}, "
+                    f"expected {protocol().schema:08x}); flash the one that belongs to this version: make -C firmware flash"
+                )
+            return True
+        return False
 
     def _claim(self) -> None:
         """Become the owner of the board, whatever an earlier owner left."""

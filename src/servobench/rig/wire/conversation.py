@@ -12,7 +12,8 @@ from servobench.core.errors import DeviceError
 from servobench.rig.wire.frames import Reader, encode
 from servobench.rig.wire.messages import protocol
 
-PATIENCE = 0.5  # s without a word, after which nobody is there
+PATIENCE = 0.5  # s of silence, after which nobody is there
+ENDLESS = 100_000  # bytes, 2 s at 500 kBd; a board that says as much without what is waited for won't say it
 TURN = 0.05  # s; how long a port waits for the first byte
 
 
@@ -49,6 +50,10 @@ class Conversation:
     port: Port
     name: str
     """What the port is called, for messages."""
+    silent: float = field(default=0.0, init=False)
+    """For how long nothing has come [s], by the port's own turns."""
+    received: int = field(default=0, init=False)
+    """Bytes that have come."""
     damaged: int = field(default=0, init=False)
     """Frames from the board that were damaged."""
     lost: int = field(default=0, init=False)
@@ -75,7 +80,10 @@ class Conversation:
         What isn't taken is yielded the next time.
         """
         if not self._waiting:
-            self._waiting.extend(self._reader.feed(self.port.read()))
+            data = self.port.read()
+            self.received += len(data)
+            self.silent = 0.0 if data else self.silent + TURN
+            self._waiting.extend(self._reader.feed(data))
             self.damaged = self._reader.damaged
         while self._waiting:
             payload = self._waiting.popleft()
@@ -94,7 +102,8 @@ class Conversation:
         """Send a message and return the STATUS that answers it. Raises `DeviceError` where none comes."""
         number = self.say(message, **values)
         code = protocol().message(message).code
-        for _ in range(round(PATIENCE / TURN)):
+        self.silent, most = 0.0, self.received + ENDLESS
+        while self.silent < PATIENCE and self.received < most:
             for name, heard in self.hear():
                 if name == "status" and heard["command"] == code and heard["ack"] == number:
                     return heard
