@@ -54,6 +54,8 @@ int8_t frame_take(frame_reader *reader, uint8_t byte) {
     return result;
 }
 
+uint8_t duty_agrees(const duty_message *message) { return message->inverse == (int16_t)~message->duty; }
+
 uint8_t frame_encode(uint8_t *payload, uint8_t length, uint8_t *frame) {
     uint16_t crc = crc16(payload, length);
     payload[length] = (uint8_t)crc;

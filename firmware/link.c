@@ -203,8 +203,10 @@ static uint8_t take_owned(const uint8_t *payload, uint8_t length) {
         return start_sampling((const sampling_message *)payload);
     case MESSAGE_ENABLE:
         return drive_enable(((const enable_message *)payload)->mode);
-    case MESSAGE_DUTY:
-        return drive_actuate(((const duty_message *)payload)->duty);
+    case MESSAGE_DUTY: {
+        const duty_message *message = (const duty_message *)payload;
+        return duty_agrees(message) ? drive_actuate(message->duty) : REFUSED_VALUE;
+    }
     case MESSAGE_TABLE:
         return drive_extend_table((const table_message *)payload);
     case MESSAGE_REFERENCE:

@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-#define SCHEMA_HASH 0xd7cd6e64UL
+#define SCHEMA_HASH 0xeed76d35UL
 
 #define TICK_US 1000
 #define DUTY_FULL 1024
@@ -123,6 +123,7 @@ typedef struct __attribute__((packed)) {
     uint8_t sequence;
     uint16_t owner;
     int16_t duty;
+    int16_t inverse;
 } duty_message;
 
 typedef struct __attribute__((packed)) {

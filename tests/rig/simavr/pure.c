@@ -29,13 +29,15 @@ static uint32_t draw(void) { /* xorshift32 */
     return random_state;
 }
 
-/* Feeds a frame reader with `frames` damaged frames of a DUTY with the duty 0: 1 to 4 bits flipped, a byte lost, a byte
-   doubled, or cut short. Returns how many came through with another duty; `accepted` counts all that came through. */
-uint32_t pure_damage(uint32_t frames, uint32_t seed, uint32_t *accepted) {
+/* Feeds a frame reader with `frames` damaged frames of a DUTY: 1 to 4 bits flipped, a byte lost, a byte doubled, or cut short.
+   Returns how many came through with another duty; `accepted` counts all that came through, `caught` those whose checksum and
+   owner were right and whose duty only its inverse gave away. */
+uint32_t pure_damage(uint32_t frames, uint32_t seed, uint32_t *accepted, uint32_t *caught) {
     frame_reader reader = {{0}, 0, 0};
+    int16_t sent[256] = {0};
     uint32_t wrong = 0;
     random_state = seed;
-    *accepted = 0;
+    *accepted = *caught = 0;
     for (uint32_t n = 0; n < frames; n++) {
         uint8_t payload[sizeof(duty_message) + 2], frame[SEND_MAX + 1];
         duty_message *message = (duty_message *)payload;
@@ -43,6 +45,9 @@ uint32_t pure_damage(uint32_t frames, uint32_t seed, uint32_t *accepted) {
         message->code = MESSAGE_DUTY;
         message->sequence = (uint8_t)n;
         message->owner = 0x5ebe;
+        message->duty = (int16_t)(draw() % (2 * DUTY_FULL + 1)) - DUTY_FULL;
+        message->inverse = ~message->duty;
+        sent[message->sequence] = message->duty;
         int length = frame_encode(payload, sizeof(duty_message), frame);
         int place = (int)(draw() % (uint32_t)length);
         switch (draw() % 4) {
@@ -62,10 +67,14 @@ uint32_t pure_damage(uint32_t frames, uint32_t seed, uint32_t *accepted) {
         for (int i = 0; i < length; i++) {
             int8_t found = frame_take(&reader, frame[i]);
             const duty_message *heard = (const duty_message *)reader.data;
-            if (found != (int8_t)sizeof(duty_message) || heard->code != MESSAGE_DUTY)
+            if (found != (int8_t)sizeof(duty_message) || heard->code != MESSAGE_DUTY || heard->owner != 0x5ebe)
                 continue;
+            if (!duty_agrees(heard)) {
+                ++*caught;
+                continue;
+            }
             ++*accepted;
-            wrong += heard->duty != 0;
+            wrong += heard->duty != sent[heard->sequence]; /* a whole frame may be heard late, after one that lost its end */
         }
     }
     return wrong;

@@ -17,15 +17,15 @@ def pure() -> c.CDLL:
     return c.CDLL(str(build.pure()))
 
 
-def damaged(pure: c.CDLL, frames: int, seed: int) -> tuple[int, int]:
-    """How many damaged frames came through as another duty, and how many came through at all."""
-    accepted = c.c_uint32()
+def damaged(pure: c.CDLL, frames: int, seed: int) -> tuple[int, int, int]:
+    """How many damaged frames came through as another duty, how many at all, and how many only the duty's inverse gave away."""
+    accepted, caught = c.c_uint32(), c.c_uint32()
     pure.pure_damage.restype = c.c_uint32
-    return pure.pure_damage(frames, seed, c.byref(accepted)), accepted.value
+    return pure.pure_damage(frames, seed, c.byref(accepted), c.byref(caught)), accepted.value, caught.value
 
 
 def test_no_damaged_frame_is_taken_for_another_duty(pure: c.CDLL) -> None:
-    wrong, accepted = damaged(pure, 100_000, 1)
+    wrong, accepted, _ = damaged(pure, 100_000, 1)
 
     assert wrong == 0
     # Two flips of one bit, or a doubled zero at the end, leave a frame as it was.
@@ -35,6 +35,13 @@ def test_no_damaged_frame_is_taken_for_another_duty(pure: c.CDLL) -> None:
 @pytest.mark.long
 def test_no_damaged_frame_of_a_million_is_taken_for_another_duty(pure: c.CDLL) -> None:
     assert damaged(pure, 1_000_000, 2)[0] == 0
+
+
+def test_a_duty_that_the_checksum_lets_pass_is_given_away_by_its_inverse(pure: c.CDLL) -> None:
+    wrong, _, caught = damaged(pure, 10_000_000, 3)
+
+    assert wrong == 0
+    assert caught > 0
 
 
 def test_the_checksum_is_that_of_the_host(pure: c.CDLL) -> None:

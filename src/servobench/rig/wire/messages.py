@@ -52,8 +52,8 @@ class Message:
     def pack(self, sequence: int, **values: Any) -> bytes:
         """Return the payload with a sequence number and a value (a list for several) for each field.
 
-        >>> protocol().message("duty").pack(7, owner=1, duty=-2).hex(" ")
-        '07 07 01 00 fe ff'
+        >>> protocol().message("duty").pack(7, owner=1, duty=-2, inverse=1).hex(" ")
+        '07 07 01 00 fe ff 01 00'
         """
         given: list[int] = []
         for field in self.fields:
