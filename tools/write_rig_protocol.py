@@ -10,7 +10,14 @@ HEADER = ROOT / "firmware" / "protocol.h"
 PAGE = ROOT / "docs" / "reference" / "rig-protocol.md"
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 
-_TYPES = {"u8": "uint8_t", "i8": "int8_t", "u16": "uint16_t", "i16": "int16_t", "u32": "uint32_t", "i32": "int32_t"}
+_TYPES = {
+    "u8": "uint8_t",
+    "i8": "int8_t",
+    "u16": "uint16_t",
+    "i16": "int16_t",
+    "u32": "uint32_t",
+    "i32": "int32_t",
+}
 _PREFIXES = {
     "states": "STATE",
     "faults": "FAULT",
@@ -60,12 +67,20 @@ def tables() -> str:
     lines = [f"Schema hash: `0x{table.schema:08x}`.", "", "### Constants", ""]
     lines += ["| name | value | meaning |", "| --- | --- | --- |"]
     lines += [
-        f"| `{name}` | {value} | {table.meanings[f'constants.{name}']} |" for name, value in table.constants.items()
+        f"| `{name}` | {value} | {table.meanings[f'constants.{name}']} |"
+        for name, value in table.constants.items()
     ]
     for section in SECTIONS:
-        lines += ["", f"### {section.replace('_', ' ').capitalize()}", "", "| name | code | meaning |", "| --- | --- | --- |"]
         lines += [
-            f"| `{name}` | {code} | {table.meanings[f'{section}.{name}']} |" for name, code in table.codes[section].items()
+            "",
+            f"### {section.replace('_', ' ').capitalize()}",
+            "",
+            "| name | code | meaning |",
+            "| --- | --- | --- |",
+        ]
+        lines += [
+            f"| `{name}` | {code} | {table.meanings[f'{section}.{name}']} |"
+            for name, code in table.codes[section].items()
         ]
     for sender, heading in (("host", "From the host"), ("device", "From the device")):
         lines += ["", f"### {heading}"]
@@ -74,7 +89,10 @@ def tables() -> str:
 
 
 def _message(message: Message, table: Protocol) -> list[str]:
-    lines = ["", f"`{message.name}`, code 0x{message.code:02x}, {message.struct.size} bytes. {message.meaning}"]
+    lines = [
+        "",
+        f"`{message.name}`, code 0x{message.code:02x}, {message.struct.size} bytes. {message.meaning}",
+    ]
     if message.fields:
         lines += ["", "| field | type | meaning |", "| --- | --- | --- |"]
         lines += [

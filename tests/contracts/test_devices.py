@@ -25,7 +25,9 @@ from tests.rig.simavr.lockstep import Bench
 SAMPLE_TIME = 0.002  # s
 NAMES = DEVICES.names()
 DRIVEN = [name for name in NAMES if name != "replay"]  # what a voltage moves
-REPEATABLE = [name for name in NAMES if name != "rig"]  # where a run's start puts the shaft back, as no real motor does
+REPEATABLE = [
+    name for name in NAMES if name != "rig"
+]  # where a run's start puts the shaft back, as no real motor does
 
 
 def _recorded(folder: Path) -> Path:

@@ -37,7 +37,9 @@ def _read(text: str) -> tuple[str, dict[str, Any]]:
     except ValueError:
         words = []
     if not words:
-        raise UsageError(f"--device {text!r} can't be read; expected a name and settings: rig:/dev/ttyUSB0 supply=9V")
+        raise UsageError(
+            f"--device {text!r} can't be read; expected a name and settings: rig:/dev/ttyUSB0 supply=9V"
+        )
     name, colon, address = words[0].partition(":")
     given: dict[str, Any] = {}
     if colon:

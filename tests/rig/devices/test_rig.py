@@ -35,7 +35,9 @@ def simavr() -> None:
 
 
 @pytest.mark.parametrize(
-    ("firmware", "sample_time"), [("rig-115200", 0.001), ("rig-500000", 0.002)], ids=["1 kHz at 115200 Bd", "500 Hz"]
+    ("firmware", "sample_time"),
+    [("rig-115200", 0.001), ("rig-500000", 0.002)],
+    ids=["1 kHz at 115200 Bd", "500 Hz"],
 )
 def test_a_batch_gives_the_motor_back_without_a_gap(firmware: str, sample_time: float) -> None:
     bench = Bench(firmware=firmware)
@@ -72,7 +74,9 @@ def test_the_delay_that_a_batch_states_is_the_firmware_s() -> None:
         changed = []
         for k, duty in enumerate(duties):
             if k % 8 == 0:
-                board.send("table", first=64, count=0, last=1, duty=[0] * 8)  # so that the watchdog stays quiet
+                board.send(
+                    "table", first=64, count=0, last=1, duty=[0] * 8
+                )  # so that the watchdog stays quiet
             while board.look().duty != duty / 1024:
                 board.let_pass(0, cycles=4)
             changed.append((board.look().cycle - begun) / CYCLES)
@@ -104,7 +108,9 @@ def test_the_run_of_a_guard_that_stops_early_ends_the_table_at_once() -> None:
     bench = Bench()
     with bench.rig() as rig:
         experiment = Experiment(signal=Square(low=1, high=3, frequency=0.4), duration=1)
-        recording = bench.run(experiment, rig, watch=lambda progress: "enough" if progress.tick > 100 else None)
+        recording = bench.run(
+            experiment, rig, watch=lambda progress: "enough" if progress.tick > 100 else None
+        )
         bench.board.run(ms=5)
 
         assert recording.stopped.sentence == "enough"
@@ -206,7 +212,9 @@ def test_a_frame_of_the_table_that_is_lost_is_sent_again() -> None:
     assert np.array_equal(recording["applied"].values, recording["commanded"].values)
 
 
-def test_firmware_with_another_schema_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_firmware_with_another_schema_is_refused_before_anything_moves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     bench = Bench()
     other = replace(protocol(), schema=protocol().schema ^ 1)
     monkeypatch.setattr("servobench.rig.devices.rig.protocol", lambda: other)
@@ -226,7 +234,9 @@ def test_firmware_with_another_schema_is_refused_before_anything_moves(monkeypat
         (0.03, {}, "too long for a watchdog of 50 ms"),
     ],
 )
-def test_a_sample_time_that_the_board_has_not_is_refused(sample_time: float, settings: Any, words: str) -> None:
+def test_a_sample_time_that_the_board_has_not_is_refused(
+    sample_time: float, settings: Any, words: str
+) -> None:
     with Bench().rig(**settings) as rig, pytest.raises(UsageError, match=words):
         rig.start(sample_time, None)
 
@@ -256,5 +266,7 @@ def test_without_pyserial_it_says_what_to_install(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_port_that_is_not_there_is_a_sentence() -> None:
-    with pytest.raises(DeviceError, match=r"the port /dev/ttyNOWHERE can't be opened \(No such file or directory\)"):
+    with pytest.raises(
+        DeviceError, match=r"the port /dev/ttyNOWHERE can't be opened \(No such file or directory\)"
+    ):
         Rig(RigSettings(port="/dev/ttyNOWHERE")).__enter__()

@@ -22,7 +22,10 @@ class Motor(c.Structure):
     """The motor around the chip; as in simrig.c."""
 
     _fields_ = [
-        *((name, c.c_double) for name in ("resistance", "inductance", "constant", "inertia", "damping", "coulomb")),
+        *(
+            (name, c.c_double)
+            for name in ("resistance", "inductance", "constant", "inertia", "damping", "coulomb")
+        ),
         *((name, c.c_double) for name in ("supply", "counts_per_rev", "start")),
         ("step", c.c_uint32),
     ]

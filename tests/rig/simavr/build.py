@@ -83,5 +83,16 @@ def pure() -> Path:
     """Return the firmware's files that touch no register as a shared library for this computer."""
     needed()
     sources = [str(FIRMWARE / f"{name}.c") for name in PURE]
-    words = ["gcc", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{FIRMWARE}", *sources, "pure.c"]
+    words = [
+        "gcc",
+        "-O2",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-shared",
+        "-fPIC",
+        f"-I{FIRMWARE}",
+        *sources,
+        "pure.c",
+    ]
     return _once("pure.so", [*words, "-o", "@/pure.so"], "pure.so")

@@ -41,7 +41,11 @@ class Terminal:
 @contextmanager
 def terminal(firmware: str = "rig-500000", **around: float) -> Iterator[Terminal]:
     """Run a simulated rig, with that motor around it; its end is the end of the `with` statement."""
-    words = [str(build.program()), str(build.firmware(firmware)), *(f"{name}={value!r}" for name, value in around.items())]
+    words = [
+        str(build.program()),
+        str(build.firmware(firmware)),
+        *(f"{name}={value!r}" for name, value in around.items()),
+    ]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout

@@ -163,7 +163,9 @@ def test_the_paper_s_square_wave_is_no_stall() -> None:
 
 
 @pytest.mark.parametrize(("burst", "fault"), [(4, False), (5, True)])
-def test_more_than_four_illegal_transitions_in_a_tenth_of_a_second_are_a_fault(burst: int, fault: bool) -> None:
+def test_more_than_four_illegal_transitions_in_a_tenth_of_a_second_are_a_fault(
+    burst: int, fault: bool
+) -> None:
     with Board() as board:
         board.block()
         board.enable()
@@ -185,7 +187,9 @@ def test_nothing_but_the_owner_s_frames_moves_the_motor_and_anybody_may_stop_it(
         board.enable()
         drawn = random.Random(3)
         for _ in range(50):
-            board.send("duty", owner=drawn.randrange(1, 1 << 16) ^ OWNER, duty=drawn.randrange(-1024, 1025) or 1)
+            board.send(
+                "duty", owner=drawn.randrange(1, 1 << 16) ^ OWNER, duty=drawn.randrange(-1024, 1025) or 1
+            )
             board.send("duty", duty=0)
             board.run(ms=2)
         assert board.look().pwm_rises == 0

@@ -85,7 +85,11 @@ def test_a_host_that_ends_in_good_order_switches_the_bridge_off_at_once() -> Non
 def test_two_programs_can_not_have_the_same_port() -> None:
     from servobench.core.errors import DeviceError
 
-    with terminal() as rig, Rig(RigSettings(port=rig.port)), pytest.raises(DeviceError, match="can't be opened"):
+    with (
+        terminal() as rig,
+        Rig(RigSettings(port=rig.port)),
+        pytest.raises(DeviceError, match="can't be opened"),
+    ):
         Rig(RigSettings(port=rig.port)).__enter__()
 
 
@@ -118,7 +122,16 @@ def identified(folder: Path, seed: int) -> tuple[str, dict[str, float]]:
     out = folder / str(seed)
     with terminal(**around) as rig:
         done = subprocess.run(
-            [sys.executable, "-m", "servobench", "run", "--device", f"rig:{rig.port} watchdog=500ms", "--out", str(out)],
+            [
+                sys.executable,
+                "-m",
+                "servobench",
+                "run",
+                "--device",
+                f"rig:{rig.port} watchdog=500ms",
+                "--out",
+                str(out),
+            ],
             capture_output=True,
             text=True,
             env={**os.environ, "OPENBLAS_CORETYPE": "SkylakeX"},

@@ -26,7 +26,9 @@ BOOT_TIME = 4.0  # s; a board that is reset by the opening of its port runs its 
 HELLO_TIME = 0.25  # s; without an answer the board is asked again
 BLOCK_PERIOD = 2  # ticks; slower samples come one by one, as eight of them would take too long
 LEAD = 96  # duties that the board is to hold in advance, of the 128 that it can
-LATCH_TO_DUTY = 25e-6  # s; from a sample's latch to the duty that a table puts out with it, by the firmware in simavr
+LATCH_TO_DUTY = (
+    25e-6  # s; from a sample's latch to the duty that a table puts out with it, by the firmware in simavr
+)
 CONVERTER = 5.0 / 1024  # V; a step of the board's converter
 PERIODS_WATCHED = 2  # the watchdog has to last for as many sample times
 FAULTS = {
@@ -82,9 +84,7 @@ class Rig:
     address: ClassVar[str] = "port"
     """The setting that may stand behind a colon: rig:/dev/ttyUSB0."""
 
-    def __init__(
-        self, settings: RigSettings, *, open_port: Callable[[str, int], Port] = SerialPort
-    ) -> None:
+    def __init__(self, settings: RigSettings, *, open_port: Callable[[str, int], Port] = SerialPort) -> None:
         limits = protocol().constants
         milliseconds = round(settings.watchdog * 1000)
         if not limits["watchdog_min_ms"] <= milliseconds <= limits["watchdog_max_ms"]:
@@ -329,9 +329,7 @@ class Rig:
     def _take_block(self, values: dict[str, Any]) -> None:
         first, position = values["index"], values["position"]
         begun = self._time(values["time"])
-        for k, (delta, current) in enumerate(
-            zip((0, *values["delta"]), values["current"], strict=True)
-        ):
+        for k, (delta, current) in enumerate(zip((0, *values["delta"]), values["current"], strict=True)):
             position = (position + delta + 2**31) % 2**32 - 2**31
             self._add(first + k, begun + k * self._sample_time, position, current, None)
         self._check_output(first, values)
@@ -378,7 +376,9 @@ class Rig:
                 index=index,
                 time=time,
                 counts=position,
-                current=None if scale is None else ((current + 0.5) * CONVERTER - self.settings.current_offset) / scale,
+                current=None
+                if scale is None
+                else ((current + 0.5) * CONVERTER - self.settings.current_offset) / scale,
                 held_since=held_since,
             )
         )
@@ -405,7 +405,9 @@ class Rig:
 
     def _send_table(self) -> None:
         size = protocol().constants["table_chunk"]
-        chunk = self._table[self._sent : self._sent + min(size, max(0, self._tick + LEAD + size - self._sent))]
+        chunk = self._table[
+            self._sent : self._sent + min(size, max(0, self._tick + LEAD + size - self._sent))
+        ]
         padded = [*chunk, *([0] * (size - len(chunk)))]
         ends = self._sent + len(chunk) >= len(self._table)
         self._needs_port().say(

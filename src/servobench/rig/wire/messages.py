@@ -121,9 +121,7 @@ def protocol() -> Protocol:
     table = tomllib.loads(files("servobench.rig.wire").joinpath("protocol.toml").read_text(encoding="utf-8"))
     messages = tuple(_message(name, each) for name, each in table["messages"].items())
     constants = {name: each["value"] for name, each in table["constants"].items()}
-    codes = {
-        section: {name: each["code"] for name, each in table[section].items()} for section in SECTIONS
-    }
+    codes = {section: {name: each["code"] for name, each in table[section].items()} for section in SECTIONS}
     meanings = {
         f"{section}.{name}": each["meaning"]
         for section in ("constants", *SECTIONS)
