@@ -1,4 +1,4 @@
-"""Write firmware/protocol.h and the tables of docs/reference/rig-protocol.md from the protocol's one table; a test holds them equal."""
+"""Write firmware/protocol.h and the tables of docs/reference/rig-protocol.md from the one table; a test holds them equal."""
 
 import sys
 from pathlib import Path

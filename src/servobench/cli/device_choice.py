@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 def device_choice(text: str, in_file: DeviceChoice, where: str) -> DeviceChoice:
     """Return the device that a text such as `rig:/dev/ttyUSB0 supply=9V` names, with the faults of the one in the file.
 
-    Where it is the device in the file the settings in the file hold, too, unless the text says others. `where` says where settings
-    can be given besides. Raises `UsageError` for a text that names none, or leaves out a setting that the device needs.
+    Where it is the device in the file the settings in the file hold, too, unless the text says others. `where` says where else
+    settings can be given. Raises `UsageError` for a text that names none, or leaves out a setting that the device needs.
     """
     from servobench.core.errors import UsageError
     from servobench.rig.devices.base import missing_settings

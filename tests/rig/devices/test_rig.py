@@ -144,33 +144,33 @@ def ended(break_it: Callable[[Bench], object], **settings: Any) -> tuple[Bench, 
 
 
 def test_an_unplugged_board_loses_the_device_and_its_watchdog_stops_the_motor() -> None:
-    bench, sentence = ended(lambda bench: setattr(bench.port, "unplugged", True))
+    _bench, sentence = ended(lambda bench: setattr(bench.port, "unplugged", True))
 
     assert "the port simavr is gone (Input/output error)" in sentence
     assert "cuts the motor off after 50 ms" in sentence
 
 
 def test_a_board_that_restarts_is_reported_with_its_cause() -> None:
-    bench, sentence = ended(lambda bench: bench.board.reset())
+    _bench, sentence = ended(lambda bench: bench.board.reset())
 
     assert "the position is lost" in sentence
 
 
 def test_a_board_whose_program_hung_is_reported_in_words() -> None:
-    bench, sentence = ended(lambda bench: bench.board.write(conversation.encode(b"\x7f\x00")))
+    _bench, sentence = ended(lambda bench: bench.board.write(conversation.encode(b"\x7f\x00")))
 
     assert FAULTS["hardware_watchdog"] in sentence
 
 
 @pytest.mark.parametrize("batch", [True, False])
 def test_a_blocked_shaft_is_cut_off_by_the_board_and_ends_the_run(batch: bool) -> None:
-    bench, sentence = ended(lambda bench: bench.board.block(), batch=batch)
+    _bench, sentence = ended(lambda bench: bench.board.block(), batch=batch)
 
     assert FAULTS["stall"] in sentence
 
 
 def test_a_host_that_comes_too_late_is_told_that_the_watchdog_tripped() -> None:
-    bench, sentence = ended(lambda bench: bench.board.let_pass(80))
+    _bench, sentence = ended(lambda bench: bench.board.let_pass(80))
 
     assert "its watchdog tripped: no voltage came for 50 ms" in sentence
 
@@ -218,7 +218,7 @@ def test_firmware_with_another_schema_is_refused_before_anything_moves(
     bench = Bench()
     other = replace(protocol(), schema=protocol().schema ^ 1)
     monkeypatch.setattr("servobench.rig.devices.rig.protocol", lambda: other)
-    with pytest.raises(DeviceError, match="speaks another protocol .*flash"), bench.rig():
+    with pytest.raises(DeviceError, match=r"speaks another protocol .*flash"), bench.rig():
         pass
 
     bench.board.run(ms=10)

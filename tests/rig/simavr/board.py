@@ -46,18 +46,18 @@ class Motor(c.Structure):
 
 def motor(**others: float) -> Motor:
     """Return the motor of a QUBE-Servo 2 at 12 V, with other values where they are given."""
-    values = dict(
-        resistance=8.4,
-        inductance=1.16e-3,
-        constant=0.042,
-        inertia=2.0952e-5,
-        damping=1e-6,
-        coulomb=8e-4,
-        supply=12.0,
-        counts_per_rev=2048.0,
-        start=0.5,
-        step=80,
-    )
+    values = {
+        "resistance": 8.4,
+        "inductance": 1.16e-3,
+        "constant": 0.042,
+        "inertia": 2.0952e-5,
+        "damping": 1e-6,
+        "coulomb": 8e-4,
+        "supply": 12.0,
+        "counts_per_rev": 2048.0,
+        "start": 0.5,
+        "step": 80,
+    }
     return Motor(**{**values, **others})
 
 

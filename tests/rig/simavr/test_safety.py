@@ -29,7 +29,10 @@ def killed_after(ms: float, **settings: int) -> tuple[Board, float]:
         speed = board.look().speed
         board.run(ms=100)
         view = board.look()
-        assert not (view.enable or view.pwm or view.in1 or view.in2)
+        assert not (view.enable)
+        assert not (view.pwm)
+        assert not (view.in1)
+        assert not (view.in2)
         assert abs(view.speed) < abs(speed)
         state = board.status()
         assert state["state"] == STATES["fault"]

@@ -25,7 +25,7 @@ def tool() -> Iterator[ModuleType]:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    yield module
+    return module
 
 
 def test_the_firmware_s_header_is_that_of_the_table(tool: ModuleType) -> None:

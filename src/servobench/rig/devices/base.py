@@ -105,7 +105,7 @@ class Preloaded(Protocol):
     """What a device can do besides that puts voltages out by its own clock; a run tells it all of them, where it knows them."""
 
     def preload(self, voltages: Array) -> None:
-        """Take the voltages (N,) [V] of the next run in advance; its writes may still differ, and go before. May change `info`."""
+        """Take the voltages (N,) [V] of the next run in advance; its writes may differ, and go before; changes `info`."""
         ...
 
 

@@ -10,7 +10,7 @@ from servobench.rig.wire.conversation import TURN
 
 
 class SerialPort:
-    """An open port at that many baud; `DeviceError` says what can't be opened and why."""
+    """An open port at that many baud. Raises `DeviceError` for one that can't be opened, `UsageError` without pyserial."""
 
     def __init__(self, name: str, baud: int) -> None:
         try:

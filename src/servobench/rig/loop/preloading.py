@@ -12,7 +12,7 @@ from servobench.systems.control.open_loop import OpenLoop
 
 
 def preload(device: Guarded, experiment: Experiment) -> None:
-    """Tell a device that puts voltages out by its own clock those of an experiment in open loop that ends by itself; else none."""
+    """Tell a device that puts voltages out by its own clock those of an experiment in open loop with an end; else none."""
     device.preload(_voltages(experiment))
 
 

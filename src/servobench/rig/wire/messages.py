@@ -21,12 +21,15 @@ SECTIONS = ("states", "faults", "warnings", "reset_causes", "refusals", "modes")
 
 @dataclass(frozen=True, kw_only=True)
 class Field:
-    """A field of a message: its name, type (`u8` to `i32`), how many of them, and what it means."""
+    """A field of a message."""
 
     name: str
     kind: str
+    """Its type, `u8` to `i32`."""
     count: int
+    """How many of them there are."""
     meaning: str
+    """What it means, for people."""
 
     @property
     def format(self) -> str:
@@ -36,13 +39,16 @@ class Field:
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """A kind of message: its name, code, who sends it, and its fields, after the code and the sequence number (`u8` both)."""
+    """A kind of message."""
 
     name: str
     code: int
     sender: Literal["host", "device"]
+    """Who sends it."""
     meaning: str
+    """What it does, for people."""
     fields: tuple[Field, ...]
+    """What follows the code and the sequence number (`u8` both)."""
 
     @property
     def struct(self) -> struct.Struct:
@@ -90,11 +96,13 @@ class Protocol:
     """All that host and firmware have to agree on."""
 
     constants: Mapping[str, int]
+    """Numbers that both compute with, by their names."""
     codes: Mapping[str, Mapping[str, int]]
     """For each of `SECTIONS` the codes by their names."""
     meanings: Mapping[str, str]
     """What each means, by `section.name`."""
     messages: tuple[Message, ...]
+    """All messages there are."""
     schema: int
     """The hash that both must have: the first four bytes of SHA-256 over everything but the meanings."""
 
