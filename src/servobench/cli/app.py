@@ -35,6 +35,7 @@ from servobench.cli.structures import structures
 from servobench.cli.studies import studies
 from servobench.cli.terminal import spell_what_cannot_be_encoded
 from servobench.cli.tune import tune
+from servobench.cli.watch import watch
 from servobench.cli.why import why
 from servobench.rig.loop.leftovers import sweep
 
@@ -78,6 +79,7 @@ def servobench(
 for command in (
     run,
     identify,
+    watch,
     why,
     design,
     tune,

@@ -11,21 +11,13 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array, DeviceInfo
 from servobench.core.errors import UsageError
-from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.recursion.motion import Samples
 from servobench.identification.estimators.recursion.start import Setting
-from servobench.identification.estimators.recursive import Recursive
+from servobench.identification.live import LiveEstimate
 
 _INTERVAL = 0.2  # s of the run between two messages
 _RECENT = 2.0  # s of the run in which the shortest way of a sample is looked for
 _KEPT = 8192  # residuals that nobody has asked for yet
-_UNITS = {
-    "gain": "rad/(s·V)",
-    "time_constant": "s",
-    "coulomb_voltage": "V",
-    "offset_voltage": "V",
-    "delay": "s",
-}
 
 
 class LiveFit:
@@ -45,8 +37,7 @@ class LiveFit:
         self._quantum = 2 * math.pi / encoder.counts_per_rev
         self._modulus = 2.0**encoder.counter_bits if encoder.counter_bits else None
         setting = Setting(quantum=self._quantum, sample_time=sample_time, delay=info.delay)
-        self._recursive = Recursive(setting)
-        self._wish = dict(wish or {})
+        self._live = LiveEstimate(setting, wish)
         self._by_host = info.timing != "virtual"
         self._by_device = info.timing == "device"
         self._ahead = np.empty(0)  # of the host's count before the device's, at the last samples [s]
@@ -61,7 +52,7 @@ class LiveFit:
 
     def set_wish(self, wish: Mapping[str, float] | None) -> None:
         """Say how well the parameters are to be known; None for no wish."""
-        self._wish = dict(wish or {})
+        self._live.wish = dict(wish or {})
 
     def take(self, columns: Mapping[str, Array], first: int | None = None) -> dict[str, Any] | None:
         """Take rows in order and return the `live` message where one is due, else None.
@@ -74,7 +65,7 @@ class LiveFit:
         t, u, counts = (np.asarray(columns[name], dtype=np.float64) for name in ("t", "applied", "counts"))
         if first is not None:
             if self._next is not None and first != self._next:
-                self._recursive.start_again()
+                self._live.start_again()
                 self._counts = None
                 self._waiting = np.empty(0)
             self._next = first
@@ -84,7 +75,7 @@ class LiveFit:
         y = (self._unwrap(counts[seen]) + 0.5) * self._quantum
         if seen.any():
             t_in = self._hold_times(columns, t)[driven]
-            known = self._recursive.take_samples(Samples(t=t[seen], y=y, t_in=t_in, u=u[driven]))
+            known = self._live.take(Samples(t=t[seen], y=y, t_in=t_in, u=u[driven]))
             self._keep(known, begin + np.flatnonzero(seen))
         if not seen.any() or t[seen][-1] - self._told < _INTERVAL:
             return None
@@ -111,7 +102,7 @@ class LiveFit:
     def _keep(self, known: Array, rows: NDArray[np.int64]) -> None:
         """Keep residuals that have become known after rows with those numbers were taken; some may be known later only."""
         rows_so_far = np.concatenate([self._waiting, rows])
-        end = max(len(rows_so_far) - self._recursive.behind, 0)
+        end = max(len(rows_so_far) - self._live.behind, 0)
         # After the run was gone through again some come a second time: they are left out.
         count = min(len(known), end)
         self._waiting = rows_so_far[end:]
@@ -120,26 +111,9 @@ class LiveFit:
 
     def message(self) -> dict[str, Any]:
         """Return the `live` message: the parameters with their 95 % intervals, the whiteness light, and whether it is enough."""
-        found, white = self._recursive.estimate(), self._recursive.white
-        if "delay" in found:
-            value, sd = found["delay"]
-            # When within the write a voltage begins to act nobody knows: evenly anywhere in it.
-            unknown = float(self._writing[0] / max(self._writing[1], 1.0))
-            found["delay"] = value, math.hypot(sd, unknown / math.sqrt(3))
-        return {
-            "kind": "live",
-            "parameters": {
-                name: {
-                    "value": value,
-                    "interval": [value - TWO_SIDED * sd, value + TWO_SIDED * sd],
-                    "unit": _UNITS[name],
-                }
-                for name, (value, sd) in found.items()
-            },
-            "white": white,
-            "enough": white is not False and self._is_reached(found),
-            "samples": self._recursive.samples,
-        }
+        # When within the write a voltage begins to act nobody knows: evenly anywhere in it.
+        unknown = float(self._writing[0] / max(self._writing[1], 1.0))
+        return self._live.message(unknown / math.sqrt(3))
 
     def _hold_times(self, columns: Mapping[str, Array], t: Array) -> Array:
         """The times from which the inputs hold [s], (N,): when the device had taken them, where that is noted; see `measure`."""
@@ -164,13 +138,6 @@ class LiveFit:
         """
         self._ahead = np.concatenate([self._ahead, ahead[np.isfinite(ahead)]])[-self._recent :]
         return float(self._ahead.min()) if len(self._ahead) else math.nan
-
-    def _is_reached(self, found: Mapping[str, tuple[float, float]]) -> bool:
-        """Whether there is a wish, and each interval wished for is narrow enough."""
-        return bool(self._wish) and all(
-            name in found and TWO_SIDED * found[name][1] <= share * abs(found[name][0])
-            for name, share in self._wish.items()
-        )
 
     def _unwrap(self, counts: Array) -> Array:
         """Counts without the wraps of the counter, over all rows so far: a step is less than half the counter's range."""

@@ -138,6 +138,21 @@ def recordings_meant(
     return tuple((each, said.of(each, part)) for each, part in found if each.name in names)
 
 
+def mapping_of(**options: Any) -> Mapping:
+    """Return options of `ReadingOptions` as one mapping, for a recording that is still to come; raises `UsageError`.
+
+    >>> mapping_of(output="angle:deg", sample_time="2 ms").sample_time
+    0.002
+    """
+    said = _parse_options(_without_empty(options))
+    if len(said.values) > 1:
+        raise UsageError(
+            f"`input_value=...` is given {len(said.values)} times for one recording; give it once"
+        )
+    own = said.base.override_with(said.mapping)
+    return own.override_with(Mapping(input_value=said.values[0])) if said.values else own
+
+
 def further_evidence_in(data: object, *, argument: str, **options: Any) -> tuple[Evidence | Dataset, ...]:
     """Return the same for further data, without the options that select recordings: all recordings."""
     kept = {name: value for name, value in options.items() if name not in (*_ARRAYS, "recordings")}

@@ -19,6 +19,7 @@ from servobench.identification.estimators.recursion.motion import NOTHING, Motio
 from servobench.identification.estimators.recursion.start import (
     SETTLED,
     Setting,
+    Uninformed,
     run_through,
     start_motion,
     start_state,
@@ -74,6 +75,8 @@ class Recursive:
         self._fresh = 0
         self._off = np.zeros(COLUMNS)
         self._found: Likeliest | None = None
+        self.uninformed: Uninformed | None = None
+        """What the last look that led anywhere told, if it was too little for an estimate; None once there is one."""
 
     def take(self, t: Array, u: Array, counts: Array) -> Array:
         """Take rows: times t (N,) [s], inputs u (N,) that hold from then on [V], unwrapped counts (N,); any N, in order.
@@ -134,14 +137,19 @@ class Recursive:
 
     def _go_through(self, samples: Samples) -> None:
         """Begin again with all samples so far: where the estimate is, or where output error finds it in twice as many."""
-        found, now = None, self._now()
+        found: Motion | Uninformed | None = None
+        now = self._now()
         if now is None or len(samples.t) >= 2 * self._fresh:
             found = start_motion(self.setting, samples)
-            self._fresh = len(samples.t) if found is not None else self._fresh
-        if found is None and now is not None and self._motion is not None:
+            self._fresh = len(samples.t) if isinstance(found, Motion) else self._fresh
+        if not isinstance(found, Motion) and now is not None and self._motion is not None:
             found = run_through(self.setting, samples, now, self._motion.friction, self._motion)
-        if found is not None:
+        if isinstance(found, Motion):
             self._motion, self._off, self._found = found, np.zeros(COLUMNS), None
+        if self._motion is not None:
+            self.uninformed = None
+        elif isinstance(found, Uninformed):  # otherwise what the look before told still holds
+            self.uninformed = found
         self._kept = [samples]
         if len(samples.t) > _KEPT:
             # The old samples of a motor that hasn't moved contain no information.

@@ -61,19 +61,40 @@ class Setting:
         )  # fmt: skip
 
 
-def start_motion(setting: Setting, samples: Samples) -> Motion | None:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Uninformed:
+    """What samples tell that don't tell gain and time constant yet, to half of their size.
+
+    The covariance (7, 7) of a motion's reference (7,) in SI units; infinite for what the samples say nothing about.
+    """
+
+    reference: Array
+    covariance: Array
+
+
+def start_motion(setting: Setting, samples: Samples) -> Motion | Uninformed | None:
     """Return the motion through all samples at the reference where its estimate is, found from the output-error fit.
 
-    None if the samples don't determine gain and time constant yet, to half of their size.
+    What is known so far if the samples don't determine gain and time constant yet, to half of their size; None if that is
+    nothing that could be put in figures.
     """
     data = setting.dataset(samples)
-    if np.ptp(samples.y) <= _TRAVEL * (setting.quantum or 0.0) or np.ptp(samples.u) == 0:
-        return None
+    if np.ptp(samples.y) <= _TRAVEL * (setting.quantum or 0.0):
+        return _without_information(np.arange(COLUMNS))
+    if np.ptp(samples.u) == 0:
+        return _without_information(np.array([1, DELAY]))
     try:
         reference, friction = _by_output_error(setting, data)
     except NotIdentifiable:  # too little to go by so far: more samples come
         return None
     return run_through(setting, samples, reference, friction)
+
+
+def _without_information(columns: NDArray[np.int64]) -> Uninformed:
+    """Nothing known of these columns: a derivative that is zero, or hidden below the encoder's step, informs about nothing."""
+    variance = np.zeros(COLUMNS)
+    variance[columns] = np.inf
+    return Uninformed(reference=np.ones(COLUMNS), covariance=np.diag(variance))
 
 
 def start_state(setting: Setting, samples: Samples, motion: Motion, input_before: float) -> Array:
@@ -108,11 +129,11 @@ def _by_output_error(setting: Setting, data: Dataset) -> tuple[Array, float]:
 
 def run_through(
     setting: Setting, samples: Samples, reference: Array, friction: float, earlier: Motion | None = None
-) -> Motion | None:
+) -> Motion | Uninformed | None:
     """Return the motion through all samples, from a reference (7,) in SI units that is moved until it is where the estimate is.
 
-    What rounding at rest weighs, and which filter is watched, comes from an `earlier` motion, or from a first time through. None
-    if gain and time constant aren't known to half of their size, or if that leads nowhere.
+    What rounding at rest weighs, and which filter is watched, comes from an `earlier` motion, or from a first time through.
+    `Uninformed` if gain and time constant aren't known to half of their size, None if that leads nowhere.
     """
     known = earlier
     for _ in range(_ROUNDS):
@@ -126,7 +147,7 @@ def run_through(
         motion.watch(found)
         sd = np.sqrt(np.diag(found.covariance))
         if not np.isfinite(sd).all() or (sd[:2] > _KNOWN * np.abs(reference[:2])).any():
-            return None
+            return Uninformed(reference=reference, covariance=found.covariance)
         change = possible(found.change, found, reference, setting.sample_time, is_brake)
         if known is not None and np.all(np.abs(change) <= SETTLED * sd):
             return motion

@@ -1,0 +1,235 @@
+"""`servobench watch`: a motor that others drive, identified while it runs."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from servobench.cli.options import (
+    AS_IT_IS,
+    AllFindings,
+    AsJson,
+    DataSheet,
+    Reading,
+    StructureName,
+    with_reading,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rich.console import Console
+
+    from servobench.cli.progress import Progress
+    from servobench.identification.result import Result
+    from servobench.identification.watch import Watch
+    from servobench.recordings.evidence import Evidence
+    from servobench.recordings.formats.mapping import Mapping as ColumnMapping
+    from servobench.recordings.streams.base import Stream
+
+_PATIENCE = 0.2  # s of waiting for rows, before the display is renewed
+_LOOK = 1.0  # s between two looks at whether it is enough
+KNOWN = "known"
+
+
+@with_reading
+def watch(
+    context: typer.Context,
+    source: Annotated[str, typer.Argument(metavar="SOURCE", hidden=True)],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="The folder for recording, result and report; by default a new one named after the time.",
+        ),
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WISH",
+            help="Stop when enough is known: known (gain to 2 %, time constant to 5 %), or time_constant=0.5%.",
+        ),
+    ] = None,
+    for_: Annotated[
+        str | None,
+        typer.Option("--for", metavar="TIME", help="Stop after this time of the stream, such as 20s."),
+    ] = None,
+    reading: Reading = AS_IT_IS,
+    structure: StructureName = "auto",
+    nominal: DataSheet = None,
+    as_json: AsJson = False,
+    all_findings: AllFindings = False,
+) -> None:
+    """Identify a motor that others drive, while it runs; nothing is sent to it.
+
+    SOURCE is - for standard input, a serial port such as /dev/ttyACM0 or COM3@57600, udp:PORT, a growing text file, or
+    networktables:HOST/TOPIC,TOPIC with the position last. Lines hold numbers, such as t,u,counts, below a header or not.
+
+    It shows the parameters as their intervals narrow, and says when enough is known or which motion is missing. Everything is
+    recorded. Ctrl-C, the end of the stream, --until or --for end it; then all of it is identified and reported.
+    """
+    from servobench.cli.conclusion import check_names, status_of
+    from servobench.cli.output_folder import empty_folder
+    from servobench.cli.progress import Progress, announce_compiling
+    from servobench.cli.terminal import messages, output, say
+    from servobench.core.errors import UsageError
+    from servobench.recordings.reading import mapping_of
+    from servobench.recordings.streams.base import stream_of
+
+    check_names(structure, "auto", nominal)
+    wish, length = _wish(until), _length(for_)
+    if reading.recording:
+        raise UsageError(f"--recording {reading.recording[0]}: a stream is one recording; leave it out")
+    mapping = mapping_of(**reading.options)
+    stream = stream_of(source)
+    console = messages() if as_json else output()
+    with empty_folder(out, "watch", datetime.now()) as folder:
+        evidence = _record(stream, mapping, folder, console, wish, length, until is not None)
+        say(console, f"recording: {folder / 'recording.mcap'}\n")
+        with Progress() as progress, announce_compiling(progress):
+            result = _identify(evidence, progress, structure, nominal)
+        _deliver(result, evidence, folder, console, as_json, context.obj or "", all_findings)
+    raise typer.Exit(status_of(result))
+
+
+def _wish(until: str | None) -> Mapping[str, float] | None:
+    """What is to be known: None for what is enough for most."""
+    from servobench.identification.design.stopping_rule import parse_wish
+
+    return None if until is None or until.strip() == KNOWN else parse_wish(until)
+
+
+def _length(text: str | None) -> float | None:
+    """The time to watch [s]; raises `UsageError` where it can't be one."""
+    from servobench.core.errors import UnitError, UsageError
+    from servobench.core.units import quantity
+
+    if text is None:
+        return None
+    try:
+        length = quantity(text, "s")
+    except (UnitError, UsageError) as error:
+        raise UsageError(f"--for {text}: {error}") from None
+    if not 0 < length < float("inf"):
+        raise UsageError(f"--for {text}: expected a time above 0, such as 20s")
+    return length
+
+
+def _record(
+    stream: Stream,
+    mapping: ColumnMapping,
+    folder: Path,
+    console: Console,
+    wish: Mapping[str, float] | None,
+    length: float | None,
+    until_known: bool,
+) -> list[Evidence]:
+    """Watch the stream into the folder until it ends, or is to end."""
+    from servobench.cli.live_text import LiveText
+    from servobench.identification.watch import Watch, stop_text
+
+    watched = Watch(mapping, stream.name, folder / "recording.mcap", wish)
+    try:
+        with _requests() as requested, stream, LiveText(console) as text:
+            reason = _follow(stream, watched, text.show, requested, length, until_known)
+            evidence = watched.end(stop_text(reason))
+            text.show_last(watched)
+    except BaseException:
+        watched.abandon()
+        raise
+    return evidence
+
+
+def _follow(
+    stream: Stream,
+    watched: Watch,
+    show: Callable[[Watch, float], None],
+    requested: Callable[[], bool],
+    length: float | None,
+    until_known: bool,
+) -> str:
+    """Take rows until there is a reason to stop, and return that; a stream that is silent for `length` [s] is over, too."""
+    heard = time.monotonic()
+    look = _LOOK  # s of the stream
+    while not requested():
+        rows = stream.read(_PATIENCE)
+        if rows is None:
+            return "end"
+        watched.take(rows)
+        if len(rows.values):
+            heard = time.monotonic()
+        silence = time.monotonic() - heard
+        if length is not None and (watched.duration >= length or silence >= length):
+            return "time"
+        if until_known and watched.duration >= look:
+            look = watched.duration + _LOOK
+            if watched.enough:
+                return "known"
+        show(watched, silence)
+    return "interrupted"
+
+
+@contextmanager
+def _requests() -> Iterator[Callable[[], bool]]:
+    """Let Ctrl-C, and whatever else asks the process to end, be noted: the recording is finished first. A second one ends all."""
+    from servobench.rig.loop.requests import requests_here
+
+    noted: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        if len(noted) > 1:
+            raise KeyboardInterrupt
+
+    ours = [each for each in requests_here() if signal.getsignal(each) is signal.SIG_DFL]
+    before = {each: signal.signal(each, note) for each in (signal.SIGINT, *ours)}
+    try:
+        yield lambda: bool(noted)
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+def _identify(
+    evidence: Sequence[Evidence], progress: Progress, structure: str, nominal: str | None
+) -> Result:
+    from servobench.cli.conclusion import conclude
+
+    return conclude(evidence, progress, structure=structure, nominal=nominal)
+
+
+def _deliver(
+    result: Result,
+    evidence: Sequence[Evidence],
+    folder: Path,
+    console: Console,
+    as_json: bool,
+    command: str,
+    all_findings: bool,
+) -> None:
+    """Write result and report into the folder, and print the result as `identify` does."""
+    from servobench.cli.conclusion import deliver
+    from servobench.cli.run_folder import RunFolder
+    from servobench.core.rounding import count_text
+
+    recordings = [each.recording for each in evidence]
+    rows = sum(len(each.series[0].values) for each in recordings)
+    RunFolder(folder).write_result(result.to_dict())
+    deliver(
+        result,
+        recordings,
+        console=console,
+        as_json=as_json,
+        report=folder / "report.html",
+        command=command,
+        heading=f"{count_text(rows, 'row')}; {recordings[-1].stopped.sentence}",
+        all_findings=all_findings,
+    )

@@ -1,0 +1,317 @@
+"""A stream watched: its rows recorded as they come, followed by the live estimate, and given to identification in the end."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping as Table
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servobench._version import __version__
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding, info
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import count_text
+from servobench.core.units import unit
+from servobench.identification.estimators.recursion.motion import Samples
+from servobench.identification.estimators.recursion.start import Setting
+from servobench.identification.live import BOTH_WAYS, LiveEstimate
+from servobench.recordings.evidence import Evidence
+from servobench.recordings.formats.mapping import Mapping
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.unwrap import Unwrap
+from servobench.recordings.native.reader import read
+from servobench.recordings.native.writer import RecordingWriter, Together
+from servobench.recordings.recording import Recording, Series, Source, Stopped, StopReason
+from servobench.recordings.streams.base import Rows
+from servobench.recordings.streams.intake import Intake, Part
+
+KNOWN = {"gain": 0.02, "time_constant": 0.05}
+"""The half-widths over the values that are enough where nobody wishes for others."""
+
+_COUNTERS = (16, 32)  # bits of the counters whose wraps are recognised
+
+
+class Watch:
+    """A stream from its first row to its last, recorded in the native file `to`.
+
+    `mapping` says what the columns are, `name` what the stream is called, `wish` how well the parameters are to be known. Raises
+    what `Intake` and `RecordingWriter` raise.
+
+    >>> from servobench.recordings.formats.mapping import Mapping
+    >>> Watch(Mapping(), "standard input", "watched.mcap").sentence()
+    'waiting for rows'
+    """
+
+    def __init__(
+        self, mapping: Mapping, name: str, to: str | os.PathLike[str], wish: Table[str, float] | None = None
+    ) -> None:
+        self._intake = Intake(mapping, name)
+        self._path = Path(to)
+        self._name = name
+        self._wish = dict(KNOWN if wish is None else wish)
+        self._writer: RecordingWriter | None = None
+        self._evidence: Evidence | None = None
+        self._live: LiveEstimate | None = None
+        self._travel = _Travel()
+        self._input: float | None = None
+        self._begun: float | None = None
+        self._watched = 0.0
+        self._last = 0.0
+        self._chains: list[str] = []
+
+    @property
+    def rows(self) -> int:
+        """The number of rows that are recorded."""
+        return self._intake.rows
+
+    @property
+    def lost(self) -> int:
+        """The number of rows that are missing between them."""
+        return self._intake.order.lost if self._intake.order else 0
+
+    @property
+    def damaged(self) -> int:
+        """The number of lines that were no rows."""
+        return self._intake.damaged
+
+    @property
+    def duration(self) -> float:
+        """How long the stream was watched, by its own clock [s]."""
+        return self._watched + (0.0 if self._begun is None else self._last - self._begun)
+
+    def take(self, rows: Rows) -> None:
+        """Record rows, and let the estimate follow them."""
+        for part in self._intake.take(rows):
+            self._take(part)
+
+    def end(self, stopped: Stopped, last: Rows | None = None) -> list[Evidence]:
+        """Finish the file and return the recordings in it to be identified: each time the clock began again is another one.
+
+        Raises `UsageError` where there weren't rows enough for one.
+        """
+        if last is not None:
+            self.take(last)
+        for part in self._intake.end():
+            self._take(part)
+        if self._writer is None:
+            raise UsageError(
+                f"{self._name}: no rows came that a recording could be made of; nothing was recorded"
+            )
+        self._finish(stopped)
+        self._writer.close()
+        recordings = read(self._path)
+        return [Evidence(each, chain) for each, chain in zip(recordings, self._chains, strict=True)]
+
+    def abandon(self) -> None:
+        """Let go of the file; what is in it stays."""
+        if self._writer is not None:
+            self._writer.abandon()
+
+    def message(self) -> dict[str, Any] | None:
+        """Return the `live` message of `LiveEstimate`; None where there is nothing to follow yet, or no position."""
+        return None if self._live is None else self._live.message()
+
+    @property
+    def enough(self) -> bool:
+        """Whether the parameters are known as well as wished."""
+        return self._live is not None and bool(self._live.message()["enough"])
+
+    def sentence(self) -> str:
+        """Return in one sentence whether enough is known, and how well, or else which motion is missing."""
+        if self._evidence is None and not self._chains:
+            return "waiting for rows"
+        if self._live is None:
+            return "recording; a speed is identified at the end, a position also live"
+        if self.enough:
+            found = self._live.message()["parameters"]
+            known = ", ".join(f"{parameter_in_words(name)} {_share(found[name])}" for name in self._wish)
+            both = f"; to tell friction from offset it {BOTH_WAYS}" if self._live.turned_one_way else ""
+            return f"enough is known: {known}{both}"
+        if self._live.message()["white"] is False:
+            return "the motor doesn't do what the model says: look for play, a load that changes, or a limit that it reaches"
+        return " and ".join(self._live.missing_motions()) or "needs more of the same motion"
+
+    def _take(self, part: Part) -> None:
+        if part.link == "restart":
+            self._finish(Stopped(reason="finished", sentence="the clock of the stream began again"))
+        if self._evidence is None:
+            self._begin(part)
+        elif part.link == "rate" and self._live is not None:
+            self._live = self._new_estimate(part)  # its filters are made for one rate
+        series = part.recording.series
+        t = np.asarray(series[0].t)
+        self._begun, self._last = t[0] if self._begun is None else self._begun, float(t[-1])
+        if self._writer is not None:
+            self._writer.append(0, np.column_stack([t, *(each.values for each in series)]))
+        if self._live is not None:
+            self._follow(self._live, part, t)
+
+    def _begin(self, part: Part) -> None:
+        """Begin a recording: its columns are those of the first rows."""
+        found = part.recording
+        number = len(self._chains) + 1
+        opening = replace(
+            found,
+            name="stream" if number == 1 else f"stream {number}",
+            series=tuple(
+                Series(channel=each.channel, values=np.empty(0), t=np.empty(0)) for each in found.series
+            ),
+            source=Source(name=self._name, format="stream"),
+            versions={"servobench": __version__},
+        )
+        if self._writer is None:
+            self._writer = RecordingWriter(self._path)
+        t = found.series[0].t
+        names = tuple(each.channel.name for each in found.series)
+        self._writer.begin(opening, [Together(channels=names)], earliest=0.0 if t is None else float(t[0]))
+        self._evidence = replace(part.evidence, recording=opening)
+        self._travel = _Travel.of(self._evidence)
+        if self._live is None:
+            self._live = self._new_estimate(part)
+        else:
+            self._live.start_again()
+
+    def _finish(self, stopped: Stopped) -> None:
+        if self._writer is None or self._evidence is None:
+            return
+        told = [*self._evidence.recording.findings, *self._intake.findings()]
+        chain = self._evidence.chain
+        if self._travel.wraps and not chain:
+            chain = f"unwrap {self._travel.bits} bit"
+            told.append(_about_wraps(self._travel))
+        self._writer.end(stopped, tuple(told))
+        self._chains.append(chain)
+        self._watched = self.duration
+        self._evidence, self._begun, self._input = None, None, None
+
+    def _new_estimate(self, part: Part) -> LiveEstimate | None:
+        """An estimate that can follow such rows; None for a speed, or for a position behind filters."""
+        output, input_ = _role(part.recording, "output"), _role(part.recording, "input")
+        kind = unit(output.channel.unit or "")
+        if kind.quantity != "position" or (part.recording.chain not in ("", "none")):
+            return None
+        quantum = _step(output, kind.factor)
+        setting = Setting(quantum=quantum, sample_time=part.sample_time)
+        is_angle = kind.si in ("rad", "counts")
+        return LiveEstimate(
+            setting,
+            self._wish,
+            kind.si if not is_angle else _angle_unit(output),
+            unit(input_.channel.unit or "").si,
+        )
+
+    def _follow(self, live: LiveEstimate, part: Part, t: Array) -> None:
+        output, input_ = _role(part.recording, "output"), _role(part.recording, "input")
+        u = input_.values * unit(input_.channel.unit or "").factor
+        if part.link == "gap" and u[0] != self._input:
+            live.start_again(self._input)  # what the input was meanwhile nobody knows
+        self._input = float(u[-1])
+        y = self._travel.take(output.values) * _factor(output)
+        quantum = _step(output, 1.0)
+        if output.channel.counts_per_rev and quantum:
+            y = y + 0.5 * quantum
+        live.take(Samples(t=t, y=y, t_in=t, u=u))
+
+
+class _Travel:
+    """Counts without the wraps of a counter of usual width: a jump of nearly its range, after which the motion goes on."""
+
+    def __init__(self, stage: Unwrap | None = None, counts: bool = True) -> None:
+        self.wraps = 0
+        self.bits = 0
+        self._modulus = stage.modulus if stage else 0.0
+        self._moduli = [2.0**bits for bits in _COUNTERS] if counts and stage is None else []
+        self._last: float | None = None
+        self._fastest = 1.0
+        self._added = 0.0
+
+    @classmethod
+    def of(cls, evidence: Evidence) -> _Travel:
+        """Return it for an output that wraps as the chain says, or as counters do."""
+        stages = Chain.parse(evidence.chain).stages if evidence.chain else ()
+        stage = next((each for each in stages if isinstance(each, Unwrap)), None)
+        symbol = _role(evidence.recording, "output").channel.unit or ""
+        if stage is not None and unit(symbol).si != "counts":
+            stage = replace(stage, modulus=stage.si_modulus / unit(symbol).factor)
+        return cls(stage, unit(symbol).si == "counts")
+
+    def take(self, values: Array) -> Array:
+        """Return values (N,) without wraps."""
+        steps = np.diff(values, prepend=values[0] if self._last is None else self._last)
+        if self._modulus:
+            turns = np.rint(steps / self._modulus)
+        else:
+            turns = np.zeros(len(steps))
+            for at in np.flatnonzero(np.abs(steps) > 0.5 * min(self._moduli, default=np.inf)):
+                turns[at] = self._turn(float(steps[at]))
+        small = np.abs(steps[turns == 0])
+        self._fastest = max(self._fastest, float(small.max(initial=0.0)))
+        self.wraps += int(np.count_nonzero(turns))
+        self._last = float(values[-1])
+        modulus = self._modulus or (2.0**self.bits if self.bits else 0.0)
+        added = self._added - np.cumsum(turns) * modulus
+        self._added = float(added[-1])
+        out: Array = values + added
+        return out
+
+    def _turn(self, step: float) -> float:
+        """The wraps in a step of counts, up or down; none where no usual width explains it."""
+        for modulus in self._moduli:
+            if abs(abs(step) - modulus) <= max(2 * self._fastest, 2.0):
+                self.bits = int(np.log2(modulus))
+                self._moduli = [modulus]
+                return float(np.sign(step))
+        return 0.0
+
+
+def _about_wraps(travel: _Travel) -> Finding:
+    return info(
+        "stream-counter-wraps",
+        f"The counter wrapped {count_text(travel.wraps, 'time')} at {travel.bits} bits; that is taken out.",
+    )
+
+
+def _role(recording: Recording, role: str) -> Series:
+    return recording[str(recording.input if role == "input" else recording.output)]
+
+
+def _factor(output: Series) -> float:
+    """What an output is multiplied by to be in rad or m; counts whose turn nobody knows stay counts."""
+    if output.channel.counts_per_rev and unit(output.channel.unit or "").si == "counts":
+        return 2 * np.pi / output.channel.counts_per_rev
+    return unit(output.channel.unit or "").factor
+
+
+def _step(output: Series, factor: float) -> float | None:
+    """The encoder's step [rad], where it is known; counts whose turn nobody knows have steps of one."""
+    channel = output.channel
+    if unit(channel.unit or "").si == "counts":
+        return _factor(output)
+    return channel.resolution * factor if channel.resolution else None
+
+
+def _angle_unit(output: Series) -> str:
+    counts = unit(output.channel.unit or "").si == "counts"
+    return "counts" if counts and not output.channel.counts_per_rev else "rad"
+
+
+def _share(found: Table[str, Any]) -> str:
+    low, high = found["interval"]
+    return f"± {100 * 0.5 * (high - low) / abs(found['value']):.2g} %"
+
+
+def stop_text(reason: str) -> Stopped:
+    """Return why watching ended: `end` of the stream, `known` enough, `time` over, or `interrupted` by whoever watches."""
+    sentences: dict[str, tuple[StopReason, str]] = {
+        "end": ("finished", "the stream ended"),
+        "known": ("finished", "stopped when enough was known"),
+        "time": ("finished", "stopped when the time was over"),
+        "interrupted": ("interrupted", "interrupted by whoever watched; the motor isn't driven from here"),
+    }
+    kind, sentence = sentences[reason]
+    return Stopped(reason=kind, sentence=sentence)

@@ -1,0 +1,117 @@
+"""A robot's NetworkTables 4, read with pyntcore: voltage, position and velocity as the robot publishes them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.recordings.streams.base import STREAMS, Rows
+
+if TYPE_CHECKING:
+    from ntcore import NetworkTableInstance
+
+_KEPT = 10_000  # values of a topic that wait for somebody to read them
+_AGAIN = 0.02  # s between two looks
+_PORT = 5810
+_MICROSECOND = 1e-6
+_PASS = 0.002  # s in which a loop publishes all of its topics
+
+
+@STREAMS.member("networktables")
+class NetworkTables:
+    """Topics of a robot: `networktables:HOST[:PORT]/TOPIC,...`, such as `networktables:10.12.34.2/drive/voltage,/drive/position`.
+
+    The columns are `time` in s, by the server's clock, and the topics by their last part. There is a row at each time at which
+    the last topic named, the position, comes; the others have their values of the same pass of the robot's loop, which ends 2 ms
+    later, or the latest before it. NetworkTables leave out a value that is the same as before, unless the robot publishes with
+    `keepDuplicates`. This subscribes and never publishes.
+    Raises `UsageError` for a text without a host and two topics.
+    """
+
+    def __init__(self, rest: str, *, sleep: Callable[[float], None] = time.sleep) -> None:
+        place, slash, topics = rest.partition("/")
+        host, colon, port = place.partition(":")
+        self._topics = [
+            f"/{each.strip().lstrip('/')}" for each in f"{slash}{topics}".split(",") if each.strip(" /")
+        ]
+        names = [each.rpartition("/")[2] for each in self._topics]
+        if not host or len(names) < 2 or len(set(names)) < len(names) or (colon and not port.isdecimal()):
+            raise UsageError(
+                f"networktables:{rest}: expected a host and topics of different last names, the position last, such as "
+                "networktables:10.12.34.2/drive/voltage,/drive/position"
+            )
+        self._host, self._port = host, int(port or _PORT)
+        self.name = f"NetworkTables of {host}"
+        self._names = ("time", *names)
+        self._latest = np.full(len(names), np.nan)
+        self._open_row: list[float] = []
+        self._sleep = sleep
+        self._instance: NetworkTableInstance | None = None
+        self._subscribers: list[Any] = []
+
+    def __enter__(self) -> Self:
+        """Subscribe to the topics."""
+        try:
+            import ntcore
+        except ImportError:
+            raise UsageError("NetworkTables need pyntcore: python -m pip install 'servobench[frc]'") from None
+        self._instance = ntcore.NetworkTableInstance.create()
+        options = ntcore.PubSubOptions(periodic=_AGAIN, sendAll=True, pollStorage=_KEPT, keepDuplicates=True)
+        self._subscribers = [
+            self._instance.getDoubleTopic(topic).subscribe(np.nan, options) for topic in self._topics
+        ]
+        self._instance.setServer(self._host, self._port)
+        self._instance.startClient4("servobench watch")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the server."""
+        if self._instance is not None:
+            import ntcore
+
+            for each in self._subscribers:
+                each.close()
+            self._instance.stopClient()
+            ntcore.NetworkTableInstance.destroy(self._instance)
+            self._instance = None
+
+    def read(self, patience: float) -> Rows | None:
+        """Return the rows that have come; never None, as a robot that restarts is found again."""
+        waited = 0.0
+        while not len(rows := self._rows()) and waited < patience:
+            self._sleep(_AGAIN)
+            waited += _AGAIN
+        return Rows(names=self._names, values=rows)
+
+    def _rows(self) -> Array:
+        """The rows of the passes that are over: another one has begun, or nothing more has come."""
+        news = [
+            (value.serverTime * _MICROSECOND, at, value.value)
+            for at, each in enumerate(self._subscribers)
+            for value in each.readQueue()
+        ]
+        rows: list[list[float]] = []
+        if not news:
+            self._close_row(rows)
+        for time_, at, value in sorted(news):
+            if self._open_row and time_ > self._open_row[0] + _PASS:
+                self._close_row(rows)
+            if at == len(self._latest) - 1:
+                self._close_row(rows)
+                self._open_row = [time_]
+            self._latest[at] = value
+        return np.array(rows, dtype=np.float64).reshape(len(rows), len(self._names))
+
+    def _close_row(self, rows: list[list[float]]) -> None:
+        """Add the row under way to the others, unless a topic never came."""
+        if self._open_row and np.isfinite(self._latest).all():
+            rows.append([*self._open_row, *self._latest])
+        self._open_row = []

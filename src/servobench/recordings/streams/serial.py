@@ -1,0 +1,71 @@
+"""A serial port that a board prints lines on, read with pyserial."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from servobench.core.errors import UsageError
+from servobench.recordings.streams.base import STREAMS, Rows
+from servobench.recordings.streams.line_table import LineTable
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+_RATE = 115_200  # baud
+
+
+@STREAMS.member("serial")
+class SerialPort:
+    """Lines on a serial port: `/dev/ttyACM0`, `COM3`, or with another rate than 115,200 baud `serial:/dev/ttyACM0@57600`.
+
+    Nothing is written to it. A board that restarts when its port is opened prints its header then; where the first line is a row
+    it may be torn, and is left out. A port that is gone ends the stream.
+    Raises `UsageError` for a text that is no port.
+    """
+
+    def __init__(self, rest: str) -> None:
+        port, _, rate = rest.partition("@")
+        if not port or (rate and not (rate.isdecimal() and int(rate))):
+            raise UsageError(f"serial:{rest} isn't a port; expected, for example, serial:/dev/ttyACM0@115200")
+        self._port, self._rate = port, int(rate or _RATE)
+        self.name = f"{port} at {self._rate} baud"
+        self._table = LineTable(torn=True)
+        self._serial: Serial | None = None
+
+    def __enter__(self) -> Self:
+        """Open the port."""
+        try:
+            import serial
+        except ImportError:
+            raise UsageError(
+                "a serial port needs pyserial: python -m pip install 'servobench[rig]'"
+            ) from None
+        try:
+            self._serial = serial.Serial(self._port, self._rate, exclusive=True)
+        except (serial.SerialException, ValueError, OSError) as error:
+            raise UsageError(
+                f"{self._port} can't be opened ({error}): look at the cable and the rights, and close other programs that have it"
+            ) from None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the port."""
+        if self._serial is not None:
+            self._serial.close()
+
+    def read(self, patience: float) -> Rows | None:
+        """Return the rows that have come; None where the port is gone; raises `UsageError` where it isn't open."""
+        import serial
+
+        if self._serial is None:
+            raise UsageError(f"{self.name} isn't open: use the stream in a `with`")
+        try:
+            self._serial.timeout = patience
+            data: bytes = self._serial.read(1)
+            data += self._serial.read(self._serial.in_waiting) if data else b""
+        except (serial.SerialException, OSError):
+            return None
+        return self._table.take(data)

@@ -1,0 +1,260 @@
+"""A stream is recorded whole, and says what is known and which motion is missing."""
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import servobench as sb
+from servobench.core.channels import Array
+from servobench.core.errors import MissingInformation, UsageError
+from servobench.identification.watch import Watch, stop_text
+from servobench.recordings.formats.mapping import Mapping
+from servobench.recordings.native.reader import read
+from servobench.recordings.streams.base import Rows
+from servobench.recordings.streams.networktables import NetworkTables
+from servobench.systems.signals.ramp import Ramp
+from tests.recordings.streams.robot import robot
+
+ENCODER = Mapping(counts_per_rev=2048.0)
+NAMES = ("t", "u", "counts")
+
+
+@cache
+def driven(sample_time: float = 0.002, low: float = -2.0) -> Array:
+    """Rows of the simulated motor under a square wave for 20 s."""
+    signal = sb.Square(low=low, high=3, frequency=0.4)
+    return rows_of(sb.Experiment(signal=signal, duration=20, sample_time=sample_time, seed=1))
+
+
+@cache
+def cruising() -> Array:
+    """Rows of a motor that runs at one speed all the time: what comes after the step is over."""
+    rows = rows_of(sb.Experiment(signal=sb.Step(final=3), duration=20, seed=1))
+    return rows[1000:]
+
+
+def rows_of(experiment: sb.Experiment) -> Array:
+    with sb.connect("twin") as motor:
+        recording = sb.run(experiment, motor)
+    counts = recording["counts"]
+    return np.column_stack([counts.t, recording["applied"].values, counts.values])
+
+
+def give(watch: Watch, values: Array, names: tuple[str, ...] = NAMES) -> None:
+    for begin in range(0, len(values), 97):
+        watch.take(Rows(names=names, values=values[begin : begin + 97]))
+
+
+def watched(to: Path, values: Array, mapping: Mapping = ENCODER) -> Watch:
+    watch = Watch(mapping, "test", to / "recording.mcap")
+    OPEN.append(watch)
+    give(watch, values)
+    return watch
+
+
+OPEN: list[Watch] = []
+
+
+@pytest.fixture(autouse=True)
+def close_what_is_open() -> Iterator[None]:
+    yield
+    while OPEN:
+        OPEN.pop().abandon()
+
+
+def test_every_row_is_recorded_as_it_came(tmp_path: Path) -> None:
+    evidence = watched(tmp_path, driven()).end(stop_text("end"))
+
+    (recording,) = read(tmp_path / "recording.mcap")
+    assert recording == evidence[0].recording
+    assert (recording.input, recording.output) == ("u", "counts")
+    assert recording["counts"].channel.counts_per_rev == 2048
+    np.testing.assert_array_equal(recording["counts"].values, driven()[:, 2])
+    np.testing.assert_array_equal(recording["u"].t, driven()[:, 0])
+
+
+def test_the_last_row_arrives_even_if_it_comes_alone(tmp_path: Path) -> None:
+    watch = Watch(ENCODER, "test", tmp_path / "recording.mcap")
+    for row in driven()[:300]:
+        watch.take(Rows(names=NAMES, values=row[None]))
+    (evidence,) = watch.end(stop_text("end"))
+
+    assert len(evidence.recording["counts"].values) == watch.rows == 300
+
+
+def test_the_live_intervals_agree_with_the_result_of_all_rows(tmp_path: Path) -> None:
+    watch = watched(tmp_path, driven())
+    message = watch.message()
+    result = sb.identify([each.dataset() for each in watch.end(stop_text("end"))])
+
+    assert message is not None
+    assert watch.enough
+    for name in ("gain", "time_constant"):
+        low, high = message["parameters"][name]["interval"]
+        # Two estimates of the same data: each is in the other's interval, or both are off.
+        assert (
+            low < result.fit[name].value < high
+            or result.fit[name].interval[0] < low < result.fit[name].interval[1]
+        )
+
+
+def test_cruising_needs_a_faster_change_of_speed(tmp_path: Path) -> None:
+    watch = watched(tmp_path, cruising())
+
+    assert not watch.enough
+    assert watch.sentence() == "needs a faster change of speed"
+
+
+def test_a_slow_drift_of_the_voltage_is_no_faster_change_of_speed(tmp_path: Path) -> None:
+    """From 3.0 to 3.3 V within 18 s: gain and friction can't be told apart either, as one speed is like the other."""
+    signal = Ramp(initial=3.0, final=3.3, duration=20)
+    rows = rows_of(sb.Experiment(signal=signal, duration=20, seed=1))[1000:]
+    watch = watched(tmp_path, rows)
+
+    assert not watch.enough
+    assert "needs a faster change of speed" in watch.sentence()
+
+
+def test_a_shaft_that_rests_needs_motion(tmp_path: Path) -> None:
+    t = 0.002 * np.arange(2000)
+    watch = watched(tmp_path, np.column_stack([t, 0.05 * (t > 2), np.zeros_like(t)]))
+
+    assert watch.sentence() == "needs motion"
+
+
+def test_one_way_is_enough_for_gain_and_says_what_both_directions_would_tell(tmp_path: Path) -> None:
+    sentence = watched(tmp_path, driven(low=1.0)).sentence()
+
+    assert sentence.startswith("enough is known: gain ± ")
+    assert "both directions" in sentence
+
+
+def test_a_wrapping_counter_is_followed_and_said(tmp_path: Path) -> None:
+    rows = driven(low=1.0).copy()
+    rows[:, 2] = (rows[:, 2] + 20_000) % 2**16
+    watch = watched(tmp_path, rows)
+    (tmp_path / "plain").mkdir()
+    plain = watched(tmp_path / "plain", driven(low=1.0))
+    wrapped, free = watch.message(), plain.message()
+
+    assert wrapped is not None
+    assert free is not None
+    assert wrapped["parameters"]["gain"]["value"] == pytest.approx(
+        free["parameters"]["gain"]["value"], rel=1e-9
+    )
+    (evidence,) = watch.end(stop_text("end"))
+    plain.abandon()
+    assert evidence.chain == "unwrap 16 bit"
+    assert "stream-counter-wraps" in {each.code for each in evidence.recording.findings}
+    assert sb.identify(evidence.dataset()).fit is not None
+
+
+def test_lost_rows_are_counted_and_the_estimate_goes_on(tmp_path: Path) -> None:
+    rows = driven()
+    kept = np.delete(rows, np.r_[3000:3400, 6000:6003], axis=0)
+    watch = watched(tmp_path, kept)
+
+    assert watch.rows == len(kept)
+    assert watch.lost == 403
+    assert watch.enough
+    (evidence,) = watch.end(stop_text("end"))
+    assert "stream-gaps" in {each.code for each in evidence.recording.findings}
+
+
+def test_a_clock_that_begins_again_is_another_recording(tmp_path: Path) -> None:
+    watch = watched(tmp_path, np.concatenate([driven()[:5000], driven()[:5000]]))
+    evidence = watch.end(stop_text("end"))
+
+    assert [each.recording.name for each in evidence] == ["stream", "stream 2"]
+    assert sum(len(each.recording["u"].values) for each in evidence) == 10_000
+    assert sb.identify([each.dataset() for each in evidence]).fit is not None
+
+
+def test_another_rate_is_said_and_nothing_is_lost(tmp_path: Path) -> None:
+    rows = np.concatenate([driven()[:5000], driven()[5000::5]])
+    watch = watched(tmp_path, rows)
+
+    assert watch.rows == len(rows)
+    (evidence,) = watch.end(stop_text("end"))
+    assert "stream-rate-changes" in {each.code for each in evidence.recording.findings}
+
+
+def test_what_is_written_can_be_read_though_nobody_ended_it(tmp_path: Path) -> None:
+    watch = watched(tmp_path, driven())
+    watch.abandon()
+
+    (recording,) = read(tmp_path / "recording.mcap.part")
+    # Rows are given in blocks of 97; the last may wait for the next.
+    assert len(recording["counts"].values) >= len(driven()) - 97
+    assert (recording.input, recording.output) == ("u", "counts")
+
+
+def test_what_the_columns_are_is_asked_for_and_nothing_is_recorded(tmp_path: Path) -> None:
+    with pytest.raises(MissingInformation, match="which column is the input"):
+        give(Watch(Mapping(), "test", tmp_path / "a.mcap"), driven(), ("a", "b", "c"))
+
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_rows_are_no_recording(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no rows came"):
+        Watch(ENCODER, "test", tmp_path / "a.mcap").end(stop_text("interrupted"))
+
+
+def test_a_robots_gain_is_known_with_its_interval_within_twenty_seconds(tmp_path: Path) -> None:
+    """Over a real NetworkTables server, at the 50 Hz of a robot's loop, the position in rotations."""
+    rows = driven(sample_time=0.02)
+    mapping = Mapping(time="time:s", input="voltage:V", output="position:rev")
+    watch = Watch(mapping, "robot", tmp_path / "recording.mcap")
+    OPEN.append(watch)
+    with robot() as server, NetworkTables(f"127.0.0.1:{server.port}/drive/voltage,/drive/position") as stream:
+        server.await_listener(stream)
+        server.publish(rows[:, 0], rows[:, 1], (rows[:, 2] + 0.5) / 2048)
+        take_all(watch, stream, len(rows))
+
+    assert watch.enough, watch.sentence()
+    assert watch.duration <= 20
+    message = watch.message()
+    assert message is not None
+    truth = sb.identify(sb.measure(run_of_truth()))
+    for name in ("gain", "time_constant"):
+        low, high = message["parameters"][name]["interval"]
+        assert low < truth.fit[name].value < high, name
+
+
+def test_a_robot_that_cruises_needs_a_faster_change_of_speed(tmp_path: Path) -> None:
+    rows = cruising()[::10]
+    mapping = Mapping(time="time:s", input="voltage:V", output="position:rev")
+    watch = Watch(mapping, "robot", tmp_path / "recording.mcap")
+    OPEN.append(watch)
+    with robot() as server, NetworkTables(f"127.0.0.1:{server.port}/drive/voltage,/drive/position") as stream:
+        server.await_listener(stream)
+        server.publish(rows[:, 0], rows[:, 1], (rows[:, 2] + 0.5) / 2048)
+        take_all(watch, stream, len(rows))
+
+    assert not watch.enough
+    assert watch.sentence() == "needs a faster change of speed"
+
+
+def take_all(watch: Watch, stream: NetworkTables, count: int) -> None:
+    """Take rows until so many have come, or nothing has for a minute of looks."""
+    came = 0
+    for _ in range(600):
+        rows = stream.read(0.1)
+        assert rows is not None
+        watch.take(rows)
+        came += len(rows.values)
+        if came >= count:
+            return
+    raise AssertionError(f"{came} of {count} rows came")
+
+
+@cache
+def run_of_truth() -> sb.Recording:
+    """The same motor, sampled at 500 Hz by who drives it: an interval a tenth as wide."""
+    with sb.connect("twin") as motor:
+        signal = sb.Square(low=-2, high=3, frequency=0.4)
+        return sb.run(sb.Experiment(signal=signal, duration=20, seed=1), motor)
