@@ -24,6 +24,7 @@ class Field:
     """A field of a message."""
 
     name: str
+    """What it is called in `protocol.toml`."""
     kind: str
     """Its type, `u8` to `i32`."""
     count: int
@@ -42,7 +43,9 @@ class Message:
     """A kind of message."""
 
     name: str
+    """What it is called in `protocol.toml`."""
     code: int
+    """The first byte of its payload."""
     sender: Literal["host", "device"]
     """Who sends it."""
     meaning: str
