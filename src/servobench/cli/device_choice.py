@@ -14,7 +14,8 @@ def device_choice(text: str, in_file: DeviceChoice, where: str) -> DeviceChoice:
     """Return the device that a text such as `rig:/dev/ttyUSB0 supply=9V` names, with the faults of the one in the file.
 
     Where it is the device in the file the settings in the file hold, too, unless the text says others. `where` says where else
-    settings can be given. Raises `UsageError` for a text that names none, or leaves out a setting that the device needs.
+    settings can be given, with {} in place of the name. Raises `UsageError` for a text that names no device, or leaves out a
+    setting that the device needs.
     """
     from servobench.core.errors import UsageError
     from servobench.rig.devices.base import missing_settings
@@ -23,7 +24,9 @@ def device_choice(text: str, in_file: DeviceChoice, where: str) -> DeviceChoice:
     settings: Mapping[str, Any] = {**in_file.settings, **given} if name == in_file.name else given
     if missing := missing_settings(name, settings):
         lines = [f"--device {text}: {each}" for each in missing]
-        raise UsageError("\n".join([*lines, f"settings are given behind the name, as key=value, or {where}"]))
+        raise UsageError(
+            "\n".join([*lines, f"settings are given behind the name, as key=value, or {where.format(name)}"])
+        )
     return in_file.model_copy(update={"name": name, "settings": settings})
 
 

@@ -130,7 +130,9 @@ def experiment_asked_for(
 
     asked = PAPER if file is None else load_experiment(file)
     if device is not None:
-        where = "in the file of an experiment: name in [device], the settings in [device.settings]"
+        where = (
+            'in the file of an experiment, with name = "{}" in [device] and the settings in [device.settings]'
+        )
         asked = asked.model_copy(update={"device": device_choice(device, asked.device, where)})
     if faults:
         tables = (*asked.device.faults, *map(table_of, faults))

@@ -61,7 +61,7 @@ def motor_stand(exercise: Exercise, device: str | None) -> MotorStand:
                 f"{exercise.source}: the table [device]: {error}; mend it, or give --device"
             ) from None
     where = (
-        "in an exercise of your own: name in [device], the settings in [device.settings]; for a recording that there is take "
-        "`servobench lab do` with --recorded FILE, in place of --device"
+        'in an exercise of your own, with name = "{}" in [device] and the settings in [device.settings]; for a '
+        "recording that there is take `servobench lab do` with --recorded FILE, in place of --device"
     )
     return stand_with(exercise, device_choice(device, asked, where))

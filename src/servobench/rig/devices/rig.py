@@ -14,6 +14,7 @@ from pydantic import Field
 
 from servobench.core.channels import Array, Channel, DeviceInfo, Sample
 from servobench.core.errors import DeviceError, UsageError
+from servobench.core.parameter_names import plain_words
 from servobench.core.settings import CountsPerRev, PositiveTime, PositiveVoltage, Resistance, Settings
 from servobench.recordings.recording import Stopped
 from servobench.rig.devices.base import DEVICES, RunEnded, finite_voltage
@@ -360,7 +361,7 @@ class Rig:
         if values["owner"] != self._owner:
             causes = " and ".join(protocol().names("reset_causes", values["reset_cause"])) or "unknown cause"
             raise DeviceError(
-                f"rig: the board restarted ({causes.replace('_', ' ')}) or was claimed by another program; the position is lost"
+                f"rig: the board restarted ({plain_words(causes)}) or was claimed by another program; the position is lost"
             )
 
     def _time(self, ticks: int) -> float:

@@ -24,7 +24,7 @@ class Field:
     """A field of a message."""
 
     name: str
-    """Its name in the table and in the C header."""
+    """What it is called in `protocol.toml`."""
     kind: str
     """Its type, `u8` to `i32`."""
     count: int
@@ -43,7 +43,7 @@ class Message:
     """A kind of message."""
 
     name: str
-    """Its name in the table and in the C header."""
+    """What it is called in `protocol.toml`."""
     code: int
     """The first byte of its payload."""
     sender: Literal["host", "device"]
