@@ -7,13 +7,19 @@ UV ?= uv
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help demo test test-long check generate bench accuracy docs lock clean environment
+.PHONY: help demo demo-rig firmware test test-long check generate bench accuracy docs lock clean environment
 
 help:  ## list the chores
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
 
 demo: $(INSTALLED)  ## identify the simulated motor and write a report; DEMO_OUT=DIR says where
 	$(BIN)/servobench run --overwrite --out "$(DEMO_OUT)"
+
+firmware:  ## build the firmware of the open rig with avr-gcc; firmware/build/rig-500000.hex is flashed with `make -C firmware flash`
+	$(MAKE) -C firmware
+
+demo-rig: $(INSTALLED)  ## the same with that firmware in simavr at a pseudo-terminal; needs Debian's packages of .ci/run
+	$(BIN)/python -m tests.rig.simavr.demo --overwrite --out "$(DEMO_OUT)-rig"
 
 test: $(INSTALLED)  ## run the tests, three files at a time; ARGS='-k pattern' is passed on to pytest
 	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder $(ARGS)
@@ -51,7 +57,7 @@ lock:  ## renew requirements.lock with uv; ARGS=--upgrade takes newer versions t
 	$(PYTHON) tools/check_lock.py
 
 clean:  ## remove the environment, caches and the demo's output
-	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist demo
+	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist demo demo-rig firmware/build
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 environment: $(INSTALLED)  ## create or renew .venv

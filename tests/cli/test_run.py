@@ -389,7 +389,7 @@ def test_whatever_a_named_device_can_t_do_without_is_told(
 
     assert ended.status == 2
     assert ended.err.count("is missing: ") == len(required)
-    assert "settings are given in" in ended.err
+    assert "settings are given behind the name, as key=value, or in" in ended.err
     for key in required:
         assert f"--device {name}: its setting '{key}' is missing: " in ended.err
 

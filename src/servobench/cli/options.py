@@ -115,7 +115,7 @@ DeviceName = Annotated[
     typer.Option(
         "--device",
         metavar="NAME",
-        help="The device, instead of the one in the file; see `servobench devices`.",
+        help='The device, instead of the one in the file; see `servobench devices`. Settings may follow: "rig:PORT supply=9V".',
     ),
 ]
 DataSheet = Annotated[

@@ -122,20 +122,18 @@ def experiment_asked_for(
     file: Path | None, device: str | None, seed: int | None, until: str | None, faults: Sequence[str] = ()
 ) -> Experiment:
     """What is asked for, with what the command line says in place of what the file says; faults come on top of the file's."""
+    from servobench.cli.device_choice import device_choice
     from servobench.identification.design.stopping_rule import parse_wish
     from servobench.recordings.measurement.base import Chain
     from servobench.rig.devices.faults.base import table_of
-    from servobench.rig.experiment import PAPER, DeviceChoice, load_experiment
+    from servobench.rig.experiment import PAPER, load_experiment
 
     asked = PAPER if file is None else load_experiment(file)
-    if device is not None and device != asked.device.name:
-        # The settings in the file are another device's.
-        check_named_alone(
-            device,
-            f'in the file of an experiment, with name = "{device}" in [device] and the settings in [device.settings]; leave '
-            "--device out then",
+    if device is not None:
+        where = (
+            'in the file of an experiment, with name = "{}" in [device] and the settings in [device.settings]'
         )
-        asked = asked.model_copy(update={"device": DeviceChoice(name=device, faults=asked.device.faults)})
+        asked = asked.model_copy(update={"device": device_choice(device, asked.device, where)})
     if faults:
         tables = (*asked.device.faults, *map(table_of, faults))
         asked = asked.model_copy(update={"device": asked.device.model_copy(update={"faults": tables})})
@@ -148,19 +146,6 @@ def experiment_asked_for(
         parse_wish(asked.until)
     Chain.parse(asked.chain)  # a mistake in it should show before the motor turns
     return asked
-
-
-def check_named_alone(device: str, where: str) -> None:
-    """Raise `UsageError` for a device that can't do without settings, as --device takes a name alone.
-
-    `where` says where settings can be given.
-    """
-    from servobench.core.errors import UsageError
-    from servobench.rig.devices.base import missing_settings
-
-    if missing := missing_settings(device, {}):
-        lines = [f"--device {device}: {each}" for each in missing]
-        raise UsageError("\n".join([*lines, f"--device takes a name alone; settings are given {where}"]))
 
 
 def device_asked_for(asked: Experiment, file: Path | None) -> Device:

@@ -44,10 +44,9 @@ def stand_of_recording(exercise: Exercise, recording: Path) -> MotorStand:
 
 def motor_stand(exercise: Exercise, device: str | None) -> MotorStand:
     """Return a stand with the exercise's own device, or the one that is named."""
-    from servobench.cli.run import check_named_alone
+    from servobench.cli.device_choice import device_choice
     from servobench.core.errors import UnknownName, UsageError
     from servobench.lab.stand import stand_on_the_twin, stand_with
-    from servobench.rig.experiment.experiment import DeviceChoice
 
     asked = exercise.experiment.device
     if device is None and asked.name == "twin":
@@ -61,10 +60,8 @@ def motor_stand(exercise: Exercise, device: str | None) -> MotorStand:
             raise UsageError(
                 f"{exercise.source}: the table [device]: {error}; mend it, or give --device"
             ) from None
-    # The settings in the file are another device's.
-    check_named_alone(
-        device,
-        f'in an exercise of your own, with name = "{device}" in [device] and the settings in [device.settings]; for a recording '
-        "that there is take `servobench lab do` with --recorded FILE, in place of --device",
+    where = (
+        'in an exercise of your own, with name = "{}" in [device] and the settings in [device.settings]; for a '
+        "recording that there is take `servobench lab do` with --recorded FILE, in place of --device"
     )
-    return stand_with(exercise, DeviceChoice(name=device))
+    return stand_with(exercise, device_choice(device, asked, where))

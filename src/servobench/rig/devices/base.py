@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 import numpy as np
 
 from servobench.core.arguments import check_type
-from servobench.core.channels import DeviceInfo, Sample
+from servobench.core.channels import Array, DeviceInfo, Sample
 from servobench.core.errors import UsageError
 from servobench.core.finding import lower_first
 from servobench.core.registry import Registry
@@ -97,6 +97,15 @@ class Lit(Protocol):
 
     def light(self, red: float, green: float, blue: float) -> None:
         """Light the lamp in that colour, each part from 0 to 1."""
+        ...
+
+
+@runtime_checkable
+class Preloaded(Protocol):
+    """What a device can do besides that puts voltages out by its own clock; a run tells it all of them, where it knows them."""
+
+    def preload(self, voltages: Array) -> None:
+        """Take the voltages (N,) [V] of the next run in advance; its writes may differ, and go before; changes `info`."""
         ...
 
 

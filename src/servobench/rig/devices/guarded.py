@@ -11,11 +11,13 @@ from functools import partial
 from types import TracebackType
 from typing import Any, ClassVar, Literal, NoReturn, Self, TypeAlias
 
-from servobench.core.channels import DeviceInfo, Sample
+import numpy as np
+
+from servobench.core.channels import Array, DeviceInfo, Sample
 from servobench.core.errors import DeviceError, ServobenchError, UsageError
 from servobench.core.finding import Finding
 from servobench.recordings.recording import Stopped
-from servobench.rig.devices.base import Device, RunEnded, value_text, voltage_or_nan
+from servobench.rig.devices.base import Device, Preloaded, RunEnded, value_text, voltage_or_nan
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Monitor, Motion, Rig
 from servobench.rig.devices.guard.faults import (
     Fault,
@@ -156,6 +158,13 @@ class Guarded:
     def under_feedback(self, feedback: bool) -> None:
         """Say whether a controller answers to the samples: then the sign of the encoder is watched."""
         self._feedback = self._motion.feedback = feedback
+
+    def preload(self, voltages: Array) -> None:
+        """Tell a device that can make use of it the voltages (N,) [V] of the next run, as far as the limits let them through."""
+        limits = self.limits
+        if isinstance(self.device, Preloaded):
+            as_given = limits.slew is None and not limits.start.voltage
+            self.device.preload(np.clip(voltages, -limits.voltage, limits.voltage)[: None if as_given else 0])
 
     def set_clock(self, elapsed: Callable[[], float]) -> None:
         """Let faults of this run have the time [s] that the loop keeps, in place of that of the device's samples."""

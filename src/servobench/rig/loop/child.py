@@ -43,6 +43,7 @@ from servobench.rig.loop.messages import NOT_CLOSED, Notice, ending_to_json, inf
 from servobench.rig.loop.missed_ticks import MissedFault, MissedTickRule
 from servobench.rig.loop.opening import RowMaker, opening, row_maker
 from servobench.rig.loop.place import Place
+from servobench.rig.loop.preloading import preload
 from servobench.rig.loop.references import References
 from servobench.rig.loop.requests import requests_here
 from servobench.rig.loop.ring import LOOP_STATE, RECORDER_STATE, MessageRing, RowRing
@@ -146,6 +147,8 @@ class _Loop:
             raise ending.error
 
     def _drive(self, experiment: Experiment, device: Guarded) -> _Ending:
+        if self._spec.enabled and self._spec.operator_timeout is None:  # otherwise somebody drives it by hand
+            preload(device, experiment)
         clock = _clock(experiment, device.info)
         opened = opening(experiment, device.info, commanded_live=True, timing=clock.timing)
         references = References(experiment.signal, experiment.sample_time)

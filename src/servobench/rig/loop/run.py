@@ -21,6 +21,7 @@ from servobench.rig.loop.log import Log, block_of
 from servobench.rig.loop.missed_ticks import MissedTickRule
 from servobench.rig.loop.opening import opening, row_maker
 from servobench.rig.loop.place import Place
+from servobench.rig.loop.preloading import preload
 from servobench.rig.loop.recorder import InMemory, Recorder, ToFile
 from servobench.rig.loop.references import References
 from servobench.rig.loop.ticks import Attendant, Drive, now_and_then, outcome, run_ticks, stop
@@ -112,6 +113,7 @@ def run(
             "run would delay its loop: run longer without `look` (`until=...`)"
         )
     device = device if isinstance(device, Guarded) else Guarded(device, experiment.limits)
+    preload(device, experiment)
     keeper = _keeper(clock, device.info, experiment)
     references = References(experiment.signal, experiment.sample_time)
     opened = opening(experiment, device.info, timing=keeper.timing)

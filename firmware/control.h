@@ -1,0 +1,24 @@
+/* The PI law on the device. No registers: also compiled for tests. */
+#ifndef CONTROL_H
+#define CONTROL_H
+
+#include <stdint.h>
+
+#define SPEED_TICKS 8 /* the speed is the motion in as many ticks */
+
+typedef struct {
+    int32_t kp, ki; /* duty per unit of error, times 65536; ki for each tick */
+    int32_t reference;
+    int64_t sum; /* ki times the errors so far, within the duties there are */
+    int32_t before[SPEED_TICKS];
+    uint8_t place;
+} pi_law;
+
+/* Starts at rest where the shaft is. */
+void control_start(pi_law *law, int32_t position);
+
+/* Returns the duty of a tick. `speed` 1: the reference is in counts per second, 0: in counts. The integral stops where the duty
+   is at its limit. */
+int16_t control_tick(pi_law *law, int32_t position, uint8_t speed);
+
+#endif

@@ -1,0 +1,82 @@
+"""The protocol: what is generated from its table is up to date, and frames survive whatever they carry."""
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servobench.core.errors import FormatError
+from servobench.rig.wire.frames import Reader, decode, encode
+from servobench.rig.wire.messages import Message, protocol
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def tool() -> Iterator[ModuleType]:
+    spec = importlib.util.spec_from_file_location(
+        "write_rig_protocol", ROOT / "tools" / "write_rig_protocol.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_firmware_s_header_is_that_of_the_table(tool: ModuleType) -> None:
+    assert tool.HEADER.read_text(encoding="utf-8") == tool.header()
+
+
+def test_the_page_has_the_tables_of_the_table(tool: ModuleType) -> None:
+    text = tool.PAGE.read_text(encoding="utf-8")
+
+    assert tool.page(text) == text
+
+
+def test_codes_and_names_are_given_once() -> None:
+    codes = [each.code for each in protocol().messages]
+
+    assert len(codes) == len(set(codes))
+    for section, names in protocol().codes.items():
+        assert len(set(names.values())) == len(names), section
+
+
+@pytest.mark.parametrize("message", protocol().messages, ids=lambda message: message.name)
+def test_a_message_reads_back_as_it_was_written(message: Message) -> None:
+    values = {
+        field.name: tuple(range(field.count)) if field.count > 1 else place
+        for place, field in enumerate(message.fields)
+    }
+    payload = message.pack(300, **values)
+
+    assert message.unpack(payload) == {"sequence": 300 & 0xFF, **values}
+    assert protocol().of(payload) == message
+    with pytest.raises(FormatError, match="expected"):
+        message.unpack(payload + b"x")
+
+
+@given(st.lists(st.binary(min_size=1, max_size=300)), st.integers(1, 50))
+def test_payloads_come_out_of_a_stream_however_it_is_cut(payloads: list[bytes], size: int) -> None:
+    stream = b"".join(map(encode, payloads))
+    reader = Reader()
+    found = [
+        payload
+        for first in range(0, len(stream), size)
+        for payload in reader.feed(stream[first : first + size])
+    ]
+
+    assert found == payloads
+    assert reader.damaged == 0
+
+
+@given(st.binary(min_size=1, max_size=80), st.integers(0, 10_000))
+def test_a_flipped_bit_is_noticed(payload: bytes, place: int) -> None:
+    frame = bytearray(encode(payload)[:-1])
+    frame[place % len(frame)] ^= 1 << place % 8
+
+    assert 0 in frame or decode(bytes(frame)) is None
