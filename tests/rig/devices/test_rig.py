@@ -270,3 +270,24 @@ def test_a_port_that_is_not_there_is_a_sentence() -> None:
         DeviceError, match=r"the port /dev/ttyNOWHERE can't be opened \(No such file or directory\)"
     ):
         Rig(RigSettings(port="/dev/ttyNOWHERE")).__enter__()
+
+
+def test_a_stop_that_never_arrives_is_made_up_for_by_the_watchdog() -> None:
+    bench = Bench()
+    with bench.rig(batch=False) as rig:
+        rig.start(0.002, None)
+        for _ in range(50):
+            rig.read()
+            rig.write(6.0)
+        turning = bench.board.look()
+        assert turning.duty == 0.5
+        bench.port.write = lambda data: None  # type: ignore[method-assign]
+        rig.stop()
+        bench.board.run(ms=300)
+        stopped = bench.board.look()
+
+    later = bench.board
+    later.run(ms=100)
+    assert later.look().speed < stopped.speed  # it coasts
+    assert not stopped.enable
+    assert (stopped.pwm_high - turning.cycle) / MS <= 51

@@ -57,10 +57,10 @@ def kill_a_host(number: signal.Signals) -> float:
         return float(now["pwm_high"] - now["received"]) / MS
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_host_that_is_killed_or_stopped_leaves_the_motor_without_voltage(number: signal.Signals) -> None:
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGSTOP"])
+def test_a_host_that_is_killed_or_stopped_leaves_the_motor_without_voltage(name: str) -> None:
     # The bytes of the last frame are handed to the chip one after the other: the cut counts from the last of them.
-    assert kill_a_host(number) <= 51
+    assert kill_a_host(signal.Signals[name]) <= 51
 
 
 @pytest.mark.long
