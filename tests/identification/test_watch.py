@@ -270,6 +270,23 @@ def test_a_few_rows_after_a_restart_cost_no_result(tmp_path: Path) -> None:
     assert sb.identify(evidence.dataset()).verdict == "trusted"
 
 
+def test_a_pause_in_which_the_motor_is_driven_costs_no_result(tmp_path: Path) -> None:
+    """No row for four seconds, in which the square wave went on: the rows after it are a recording of their own."""
+    (tmp_path / "whole").mkdir()
+    watch = watched(tmp_path, np.concatenate([driven()[:3000], driven()[5000:8000]]))
+    evidence = watch.end(stop_text("end"))
+    result = sb.identify([each.dataset() for each in evidence])
+    whole = sb.identify(
+        [each.dataset() for each in watched(tmp_path / "whole", driven()).end(stop_text("end"))]
+    )
+
+    assert [len(each.recording["counts"].values) for each in evidence] == [3000, 3000]
+    assert result.verdict == "trusted"
+    for name in ("gain", "time_constant"):
+        low, high = result.fit[name].interval
+        assert low < whole.fit[name].value < high
+
+
 def test_all_rows_at_once_and_no_more_tell_what_they_tell_in_turn(tmp_path: Path) -> None:
     """A growing file that doesn't grow: rows come in one block, and nothing calls for another look."""
     watch = Watch(ENCODER, "test", tmp_path / "recording.mcap")

@@ -34,6 +34,7 @@ KNOWN = {"gain": 0.02, "time_constant": 0.05}
 """The half-widths over the values that are enough where nobody wishes for others."""
 
 _COUNTERS = (16, 32)  # bits of the counters whose wraps are recognised
+_PAUSE = 1.0  # s without rows: what comes then is a recording of its own
 _FEWEST = 20  # rows: fewer than any structure needs for a model
 
 
@@ -149,6 +150,9 @@ class Watch:
     def _take(self, part: Part) -> None:
         if part.link == "restart":
             self._finish(Stopped(reason="finished", sentence="the clock of the stream began again"))
+        elif self._evidence is not None and (paused := self._pause(part)) > _PAUSE:
+            # What drove the motor meanwhile nobody knows, and no model bridges that.
+            self._finish(Stopped(reason="finished", sentence=f"no rows came for {paused:.3g} s"))
         if self._evidence is None:
             self._begin(part)
         elif part.link == "rate" and self._live is not None:
@@ -160,6 +164,11 @@ class Watch:
             self._writer.append(0, np.column_stack([t, *(each.values for each in series)]))
         if self._live is not None:
             self._follow(self._live, part, t)
+
+    def _pause(self, part: Part) -> float:
+        """How long nothing came before these rows, by the stream's clock [s]; zero where they follow those before."""
+        t = part.recording.series[0].t
+        return float(t[0]) - self._last if part.link == "gap" and t is not None else 0.0
 
     def _begin(self, part: Part) -> None:
         """Begin a recording: its columns are those of the first rows."""
@@ -236,7 +245,7 @@ def _without_stubs(found: list[Evidence]) -> list[Evidence]:
     stubs = [each.recording for each in found if each not in long]
     listed = ", ".join(f"{each.name} of {count_text(len(each.series[0].values), 'row')}" for each in stubs)
     sentence = (
-        f"The clock of the stream began again, and what is too short for a model is left out: {listed}."
+        f"Between restarts or pauses of the stream too little came for a model, and is left out: {listed}."
     )
     first = long[0].recording
     told = replace(first, findings=(*first.findings, info("stream-stub", sentence)))

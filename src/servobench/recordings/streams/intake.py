@@ -240,7 +240,7 @@ def _without_times(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 
 def _about_order(order: RowOrder) -> Iterator[Finding]:
     if order.lost:
-        yield warning(
+        yield info(  # whether a gap matters is for identification to say
             "stream-gaps", f"{count_text(order.lost, 'row')} were lost in {count_text(order.gaps, 'gap')}."
         )
     if order.repeated or order.late:
