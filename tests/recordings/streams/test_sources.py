@@ -4,6 +4,7 @@ import os
 import socket
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -115,6 +116,27 @@ def test_all_values_of_a_robot_arrive_with_the_times_of_its_server() -> None:
     np.testing.assert_allclose(rows[:, 0], 1.0 + t, atol=6e-7)
     np.testing.assert_array_equal(rows[:, 1], np.sin(t))
     np.testing.assert_array_equal(rows[:, 2], 3 * t)
+
+
+class Queue:
+    """What a topic brings at one look after the other, as (time [s], value)."""
+
+    def __init__(self, *looks: list[tuple[float, float]]) -> None:
+        self._looks = list(looks)
+
+    def readQueue(self) -> list[SimpleNamespace]:
+        found = self._looks.pop(0) if self._looks else []
+        return [SimpleNamespace(serverTime=1e6 * t, value=value) for t, value in found]
+
+
+def test_values_that_the_network_brings_late_belong_to_the_row_of_their_time() -> None:
+    stream = NetworkTables("robot/drive/voltage,/drive/position", sleep=lambda _: None)
+    voltages = Queue([(0.0, 1.0)], [(0.02, 2.0), (0.04, 3.0)])
+    positions = Queue([(0.0, 10.0), (0.02, 11.0), (0.04, 12.0)])
+    stream._subscribers = [voltages, positions]
+    rows = [stream._rows() for _ in range(20)]
+
+    assert np.concatenate(rows).tolist() == [[0.0, 1.0, 10.0], [0.02, 2.0, 11.0], [0.04, 3.0, 12.0]]
 
 
 @pytest.mark.parametrize(

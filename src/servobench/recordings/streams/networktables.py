@@ -21,6 +21,7 @@ _AGAIN = 0.02  # s between two looks
 _PORT = 5810
 _MICROSECOND = 1e-6
 _PASS = 0.002  # s in which a loop publishes all of its topics
+_HELD = 0.2  # s; several times what robots' networks take to bring values of one pass
 
 
 @STREAMS.member("networktables")
@@ -51,6 +52,8 @@ class NetworkTables:
         self._names = ("time", *names)
         self._latest = np.full(len(names), np.nan)
         self._open_row: list[float] = []
+        self._pending: list[tuple[float, int, float]] = []
+        self._quiet = 0
         self._sleep = sleep
         self._instance: NetworkTableInstance | None = None
         self._subscribers: list[Any] = []
@@ -92,22 +95,32 @@ class NetworkTables:
         return Rows(names=self._names, values=rows)
 
     def _rows(self) -> Array:
-        """The rows of the passes that are over: another one has begun, or nothing more has come."""
+        """The rows of the passes that are over: others have begun, or nothing more has come for a while.
+
+        Each topic has a queue of its own, and the network brings them in any order: what is younger than `_HELD` waits for what
+        the other topics had at that time.
+        """
         news = [
             (value.serverTime * _MICROSECOND, at, value.value)
             for at, each in enumerate(self._subscribers)
             for value in each.readQueue()
         ]
         rows: list[list[float]] = []
-        if not news:
-            self._close_row(rows)
-        for time_, at, value in sorted(news):
+        self._pending = sorted([*self._pending, *news])
+        self._quiet = 0 if news else self._quiet + 1
+        over = self._quiet * _AGAIN >= _HELD
+        until = np.inf if over or not self._pending else self._pending[-1][0] - _HELD
+        ready = [each for each in self._pending if each[0] <= until]
+        self._pending = self._pending[len(ready) :]
+        for time_, at, value in ready:
             if self._open_row and time_ > self._open_row[0] + _PASS:
                 self._close_row(rows)
             if at == len(self._latest) - 1:
                 self._close_row(rows)
                 self._open_row = [time_]
             self._latest[at] = value
+        if over:
+            self._close_row(rows)
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(self._names))
 
     def _close_row(self, rows: list[list[float]]) -> None:
