@@ -11,9 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from servobench.identification.identify import identify
+from servobench.recordings.measurement.measure import measure
 from servobench.rig.devices.rig import Rig, RigSettings
+from servobench.rig.experiment import Experiment
 from tests.rig.simavr.board import MS, motor
 from tests.rig.simavr.build import needed
+from tests.rig.simavr.lockstep import Bench
 from tests.rig.simavr.terminal import terminal
 
 pytestmark = pytest.mark.usefixtures("simavr")
@@ -109,48 +113,71 @@ def test_a_position_loop_at_250_hz_has_no_gap_in_its_samples_for_ten_seconds() -
     assert abs(counts - 1000) <= 15
 
 
-def identified(folder: Path, seed: int) -> tuple[str, dict[str, float], list[str]]:
-    """Run the command on a motor drawn from a seed; return the verdict, how far off each value is, in half intervals, and why."""
+TOO_SLOW = "clocks-disagree"
+NAMES = ("gain", "time_constant", "coulomb_voltage")
+
+
+def drawn_motor(seed: int) -> dict[str, float]:
     drawn = random.Random(seed)
-    around = {
+    return {
         "resistance": drawn.uniform(4, 9),
         "constant": drawn.uniform(0.03, 0.05),
         "inertia": drawn.uniform(1e-5, 4e-5),
         "coulomb": drawn.uniform(2e-4, 8e-4),
         "start": drawn.random(),
     }
+
+
+def check_20(found: list[tuple[str, dict[str, tuple[float, float]]]]) -> None:
+    """Hold verdicts and intervals of 20 motors, drawn from the seeds 0 to 19, against their truth."""
+    assert [verdict for verdict, _ in found] == ["trusted"] * 20
+    truths = [motor(**drawn_motor(seed)).truth for seed in range(20)]
+    for name in NAMES:
+        held = [
+            low <= truth[name] <= high
+            for (_, intervals), truth in zip(found, truths, strict=True)
+            for low, high in [intervals[name]]
+        ]
+        assert sum(held) >= 18, (name, held)
+
+
+def run_command(folder: Path, seed: int) -> tuple[str, dict[str, tuple[float, float]]] | None:
+    """Run the command on a motor; return verdict and intervals, None where the computer didn't keep up and the run says so."""
     out = folder / str(seed)
-    with terminal(**around) as rig:
+    with terminal(**drawn_motor(seed)) as rig:
+        words = ["run", "--device", f"rig:{rig.port} watchdog=500ms", "--out", str(out), "--overwrite"]
         done = subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "servobench",
-                "run",
-                "--device",
-                f"rig:{rig.port} watchdog=500ms",
-                "--out",
-                str(out),
-            ],
+            [sys.executable, "-m", "servobench", *words],
             capture_output=True,
             text=True,
             env={**os.environ, "OPENBLAS_CORETYPE": "SkylakeX"},
         )
+    said = " ".join((done.stdout + done.stderr).split())
+    if done.returncode == 4 and "find what delayed the loop" in said:
+        return None
     assert done.returncode == 0, done.stderr + done.stdout
     result = json.loads((out / "result.json").read_text())
-    truth = motor(**around).truth
-    off = {}
-    for name in ("gain", "time_constant", "coulomb_voltage"):
-        low, high = result["parameters"][name]["interval"]
-        off[name] = (truth[name] - (low + high) / 2) / ((high - low) / 2)
-    why = [each["sentence"] for each in result["findings"] if each["severity"] != "info"]
-    return result["verdict"], off, why
+    if TOO_SLOW in [each["code"] for each in result["findings"]]:
+        return None
+    return result["verdict"], {name: result["parameters"][name]["interval"] for name in NAMES}
 
 
 @pytest.mark.long
 def test_the_command_trusts_20_of_20_motors_and_its_intervals_hold_their_truth(tmp_path: Path) -> None:
-    found = [identified(tmp_path, seed) for seed in range(20)]
+    # A computer with other things to do can't simulate a chip in real time: such a run, which names it, is done again.
+    tries = ((run_command(tmp_path, seed) for _ in range(5)) for seed in range(20))
+    found = [next(filter(None, each)) for each in tries]
 
-    assert [verdict for verdict, _, _ in found] == ["trusted"] * 20, [why for _, _, why in found]
-    for name in ("gain", "time_constant", "coulomb_voltage"):
-        assert sum(abs(off[name]) <= 1 for _, off, _ in found) >= 18, found
+    check_20(found)
+
+
+@pytest.mark.long
+def test_20_of_20_motors_are_trusted_in_lock_step_and_their_intervals_hold_their_truth() -> None:
+    found = []
+    for seed in range(20):
+        bench = Bench(motor(**drawn_motor(seed)))
+        with bench.rig() as rig:
+            result = identify(measure(bench.run(Experiment(), rig)))
+        found.append((result.verdict.value, {name: result[name].interval for name in NAMES}))
+
+    check_20(found)
