@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")
 UNDER_CI = os.environ.get("CI", "").lower() in {"1", "true", "yes"}
 
-# Three files are run at a time. With a thread for each core in each, the linear algebra of 4 x 4 matrices would wait for the
+# Two files are run at a time. With a thread for each core in both, the linear algebra of 4 x 4 matrices would wait for the
 # others: three quarters of a frequency response's fit. NumPy reads it when it is imported, here and in what is started.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 

@@ -130,7 +130,7 @@ def test_a_serial_port_that_goes_on_sending_ends_after_the_time_asked_for(
     sender.start()
     ended = subprocess.run(
         [
-            *command(os.ttyname(port), "--out", tmp_path / "out", "--for", "8s"),
+            *command(os.ttyname(port), "--out", tmp_path / "out", "--stop-after", "8s"),
             *("--time", "column_1:us", "--input", "column_2:V", "--output", "column_3:counts"),
         ],
         capture_output=True,

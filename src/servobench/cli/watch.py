@@ -56,12 +56,12 @@ def watch(
         str | None,
         typer.Option(
             metavar="WISH",
-            help="Stop when enough is known: known (gain to 2 %, time constant to 5 %), or time_constant=0.5%.",
+            help="Stop when an interval is this narrow: time_constant=0.5% (its half width over the value).",
         ),
     ] = None,
-    for_: Annotated[
+    stop_after: Annotated[
         str | None,
-        typer.Option("--for", metavar="TIME", help="Stop after this time of the stream, such as 20s."),
+        typer.Option("--stop-after", metavar="TIME", help="Stop after this time of the stream, such as 20s."),
     ] = None,
     reading: Reading = AS_IT_IS,
     structure: StructureName = "auto",
@@ -75,7 +75,8 @@ def watch(
     networktables:HOST/TOPIC,TOPIC with the position last. Lines hold numbers, such as t,u,counts, below a header or not.
 
     It shows the parameters as their intervals narrow, and says when enough is known or which motion is missing. Everything is
-    recorded. Ctrl-C, the end of the stream, --until or --for end it; then all of it is identified and reported.
+    recorded. Ctrl-C, the end of the stream, --until or --stop-after end it; then all of it is identified and reported.
+    --until known means the gain to 2 % and the time constant to 5 %.
     """
     from servobench.cli.conclusion import check_names, status_of
     from servobench.cli.output_folder import empty_folder
@@ -86,7 +87,7 @@ def watch(
     from servobench.recordings.streams.base import stream_of
 
     check_names(structure, "auto", nominal)
-    wish, length = _wish(until), _length(for_)
+    wish, length = _wish(until), _length(stop_after)
     if reading.recording:
         raise UsageError(f"--recording {reading.recording[0]}: a stream is one recording; leave it out")
     mapping = mapping_of(**reading.options)
@@ -118,9 +119,9 @@ def _length(text: str | None) -> float | None:
     try:
         length = quantity(text, "s")
     except (UnitError, UsageError) as error:
-        raise UsageError(f"--for {text}: {error}") from None
+        raise UsageError(f"--stop-after {text}: {error}") from None
     if not 0 < length < float("inf"):
-        raise UsageError(f"--for {text}: expected a time above 0, such as 20s")
+        raise UsageError(f"--stop-after {text}: expected a time above 0, such as 20s")
     return length
 
 

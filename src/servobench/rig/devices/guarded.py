@@ -159,6 +159,11 @@ class Guarded:
         """Say whether a controller answers to the samples: then the sign of the encoder is watched."""
         self._feedback = self._motion.feedback = feedback
 
+    @property
+    def takes_voltages_ahead(self) -> bool:
+        """Whether the device can make use of a run's voltages before it begins."""
+        return isinstance(self.device, Preloaded)
+
     def preload(self, voltages: Array) -> None:
         """Tell a device that can make use of it the voltages (N,) [V] of the next run, as far as the limits let them through."""
         limits = self.limits

@@ -13,7 +13,8 @@ from servobench.systems.control.open_loop import OpenLoop
 
 def preload(device: Guarded, experiment: Experiment) -> None:
     """Tell a device that puts voltages out by its own clock those of an experiment in open loop with an end; else none."""
-    device.preload(_voltages(experiment))
+    if device.takes_voltages_ahead:  # a long run's voltages take memory that other devices needn't spend
+        device.preload(_voltages(experiment))
 
 
 def _voltages(experiment: Experiment) -> Array:
