@@ -24,10 +24,10 @@ from servobench.lab.assessment.handout import Handout, hand_out
 from servobench.lab.assessment.marking import Mark, StudentMarks, Verdict, mark, marks_table
 from servobench.lab.assessment.questions import (
     Question,
+    form_pass_rate,
     pass_rates,
     questions,
     same_for_all,
-    whole_form_pass_rate,
 )
 from servobench.lab.assessment.roster import Student, read_roster
 from servobench.lab.assessment.tables import harmless, read_table, strip_apostrophe
@@ -763,9 +763,9 @@ def asked(*right: float | None, allowed: float = 0.5) -> tuple[Question, ...]:
 def test_a_blank_that_somebody_is_not_asked_keeps_no_form_apart() -> None:
     """The first two differ in what neither can be held to; the third is off in the last blank."""
     three = [asked(1.0, None, 5.0), asked(1.2, 7.0, 5.0), asked(1.2, 7.0, 9.0)]
-    assert whole_form_pass_rate(three[:2]) == 1.0
-    assert whole_form_pass_rate(three) == pytest.approx(2 / 6)  # of six ordered pairs
-    assert math.isnan(whole_form_pass_rate(three[:1]))
+    assert form_pass_rate(three[:2]) == 1.0
+    assert form_pass_rate(three) == pytest.approx(2 / 6)  # of six ordered pairs
+    assert math.isnan(form_pass_rate(three[:1]))
 
 
 def test_points_are_out_of_what_was_asked() -> None:

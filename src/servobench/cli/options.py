@@ -110,6 +110,14 @@ ControllerSampleTime = Annotated[
 VoltageLimit = Annotated[
     str | None, typer.Option("--voltage-limit", metavar="V", help="The largest voltage, either way [V].")
 ]
+Until = Annotated[
+    str | None,
+    typer.Option(
+        "--until",
+        metavar="WISH",
+        help="Stop when an interval is this narrow: time_constant=0.5% (its half width over the value).",
+    ),
+]
 DeviceName = Annotated[
     str | None,
     typer.Option(

@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import CANNOT_WRITE, DEVICE_FAILED, DONE, INTERRUPTED, complain
-from servobench.cli.options import AllFindings, AsJson, DataSheet, DeviceName, Overwrite, Seed, StructureName
+from servobench.cli.options import (
+    AllFindings,
+    AsJson,
+    DataSheet,
+    DeviceName,
+    Overwrite,
+    Seed,
+    StructureName,
+    Until,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,13 +66,7 @@ def run(
     structure: StructureName = "auto",
     nominal: DataSheet = None,
     seed: Seed = None,
-    until: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WISH",
-            help="Stop when an interval is this narrow: time_constant=0.5% (its half width over the value).",
-        ),
-    ] = None,
+    until: Until = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(

@@ -20,6 +20,7 @@ from servobench.cli.options import (
     DataSheet,
     Reading,
     StructureName,
+    Until,
     with_reading,
 )
 
@@ -52,13 +53,7 @@ def watch(
             help="The folder for recording, result and report; by default a new one named after the time.",
         ),
     ] = None,
-    until: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WISH",
-            help="Stop when an interval is this narrow: time_constant=0.5% (its half width over the value).",
-        ),
-    ] = None,
+    until: Until = None,
     stop_after: Annotated[
         str | None,
         typer.Option("--stop-after", metavar="TIME", help="Stop after this time of the stream, such as 20s."),

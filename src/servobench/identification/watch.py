@@ -345,7 +345,7 @@ def stop_text(reason: str) -> Stopped:
         "end": ("finished", "the stream ended"),
         "known": ("finished", "stopped when enough was known"),
         "time": ("finished", "stopped when the time was over"),
-        "interrupted": ("interrupted", "interrupted by whoever watched; the motor isn't driven from here"),
+        "interrupted": ("interrupted", "interrupted; the motor isn't driven from here"),
     }
     kind, sentence = sentences[reason]
     return Stopped(reason=kind, sentence=sentence)

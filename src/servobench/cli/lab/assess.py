@@ -95,7 +95,7 @@ def _show_handed_out(
 
     from servobench.cli.layout import show_table, show_wrapped
     from servobench.cli.terminal import say
-    from servobench.lab.assessment.questions import pass_rates, same_for_all, whole_form_pass_rate
+    from servobench.lab.assessment.questions import form_pass_rate, pass_rates, same_for_all
     from servobench.lab.exercise_file import FOLDER
     from servobench.lab.formula import line_text
 
@@ -111,9 +111,9 @@ def _show_handed_out(
     others = "others' answers pass"
     headings = ("blank", "asked of", "right answer", others, "what is asked for")
     show_table(console, headings, rows, right=(others,))
-    if sentence := _whole_form_text(whole_form_pass_rate(asked), same, passed):
+    if sentence := _shared_forms_text(form_pass_rate(asked), same, passed):
         show_wrapped(console, Text(), sentence, hanging=0)
-    for why, blanks in _untold(asked).items():
+    for why, blanks in _blanks_by_reason(asked).items():
         show_wrapped(console, Text(f"{', '.join(blanks)}: "), _not_asked(why), hanging=2)
     if Path(exercise.source).parent == FOLDER:
         sentence = (
@@ -137,7 +137,7 @@ def _show_handed_out(
     )
 
 
-def _whole_form_text(whole: float, same: Mapping[str, bool], passed: Mapping[str, float]) -> str:
+def _shared_forms_text(whole: float, same: Mapping[str, bool], passed: Mapping[str, float]) -> str:
     """The sentence about whole forms, and about answers that are the same for everybody; empty with a single student."""
     if math.isnan(whole):
         return ""
@@ -155,7 +155,7 @@ def _whole_form_text(whole: float, same: Mapping[str, bool], passed: Mapping[str
     )
 
 
-def _untold(asked: Sequence[tuple[Question, ...]]) -> dict[str, list[str]]:
+def _blanks_by_reason(asked: Sequence[tuple[Question, ...]]) -> dict[str, list[str]]:
     """The blanks that somebody isn't asked, by the reason."""
     reasons: dict[str, list[str]] = {}
     for column in zip(*asked, strict=True):
@@ -177,7 +177,7 @@ def _percent(part: float) -> str:
 
 
 def _handout_data(exercise: Exercise, made: Sequence[Handout], folder: Path) -> dict[str, Any]:
-    from servobench.lab.assessment.questions import pass_rates, same_for_all, whole_form_pass_rate
+    from servobench.lab.assessment.questions import form_pass_rate, pass_rates, same_for_all
 
     asked = [each.asked for each in made]
     passed, same = pass_rates(asked), same_for_all(asked)
@@ -199,7 +199,7 @@ def _handout_data(exercise: Exercise, made: Sequence[Handout], folder: Path) -> 
             }
             for column in zip(*asked, strict=True)
         ],
-        "forms_passed_by_others": _finite(whole_form_pass_rate(asked)),
+        "forms_passed_by_others": _finite(form_pass_rate(asked)),
     }
 
 

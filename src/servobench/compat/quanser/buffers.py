@@ -53,7 +53,7 @@ DOUBLE = CType(np.dtype(np.float64), "numpy.float64 or array('d')")
 BOOLEAN = CType(np.dtype(np.int8), "numpy.int8 or array('b')")
 
 
-def whole(number: object, name: str) -> int:
+def whole_number(number: object, name: str) -> int:
     """Return a whole number; raises `TypeError`, as the interface does, for anything else."""
     try:
         return operator.index(number)  # type: ignore[arg-type]
@@ -63,7 +63,7 @@ def whole(number: object, name: str) -> int:
 
 def channels(given: object, count: object, name: str, missing: Code) -> tuple[int, ...]:
     """Return the numbers of the channels; () for none. `missing` is the error where there are fewer than `count`."""
-    number = whole(count, f"the number of {name}")
+    number = whole_number(count, f"the number of {name}")
     if number <= 0:
         return ()
     if given is None:

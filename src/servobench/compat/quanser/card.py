@@ -8,7 +8,7 @@ import numpy as np
 
 from servobench.compat.quanser import groups
 from servobench.compat.quanser.board import Board
-from servobench.compat.quanser.buffers import DOUBLE, INT, channels, finite, values, whole
+from servobench.compat.quanser.buffers import DOUBLE, INT, channels, finite, values, whole_number
 from servobench.compat.quanser.enumerations import ENDLESS, ClockMode, PWMMode
 from servobench.compat.quanser.errors import Code, hil_error
 from servobench.compat.quanser.session import current
@@ -178,29 +178,23 @@ class Card:
         board = self._board()
         text = options.decode() if isinstance(options, bytes) else options
         with board.call():
-            board.set_options(text[: whole(size, "the size of the options")])
+            board.set_options(text[: whole_number(size, "the size of the options")])
 
     def _encoders(self, given: Any, count: Any) -> tuple[Board, tuple[int, ...]]:
         board = self._board()
-        asked = (groups.NONE, (given, count), groups.NONE, groups.NONE)
-        return board, groups.inputs(board.layout, asked).second
+        return board, groups.inputs(board.layout, groups.one_group(1, given, count)).second
 
     def _input_count(self, asked: tuple[Any, Any], place: int) -> int:
         board = self._board()
-        return len(tuple(groups.inputs(board.layout, _alone(asked, place)))[place])
+        return len(tuple(groups.inputs(board.layout, groups.one_group(place, *asked)))[place])
 
     def _output_count(self, asked: tuple[Any, Any], place: int) -> int:
         board = self._board()
-        return len(tuple(groups.outputs(board.layout, _alone(asked, place), pwm=board.pwm))[place])
+        return len(tuple(groups.outputs(board.layout, groups.one_group(place, *asked), pwm=board.pwm))[place])
 
     def _input_values(self, channels: Any, count: Any, given: Any, kind: Any) -> Any:
         number = self._input_count((channels, count), 0)
         return values(given, number, kind, "values", Code.INVALID_ARGUMENT)
-
-
-def _alone(asked: tuple[Any, Any], place: int) -> groups.Asked:
-    """Channels of one group, and none of the others."""
-    return [asked if number == place else groups.NONE for number in range(4)]
 
 
 def _check_ranges(lowest: Any, highest: Any) -> None:

@@ -20,7 +20,7 @@ from servobench.compat.quanser.errors import Code, hil_error
 from servobench.compat.quanser.layout import Layout
 from servobench.compat.quanser.tasks import Groups, Row
 
-Asked: TypeAlias = Sequence[tuple[object, object]]
+GroupChannels: TypeAlias = Sequence[tuple[object, object]]
 """For each group the caller's array of channels, and how many there are."""
 
 _NAMES = ("analog", "second", "digital", "other")
@@ -28,10 +28,20 @@ _INPUTS = ("analog", "encoder", "digital", "other")
 _OUTPUTS = ("analog", "PWM", "digital", "other")
 _IN_TYPES: tuple[CType, ...] = (DOUBLE, INT, BOOLEAN, DOUBLE)
 _OUT_TYPES: tuple[CType, ...] = (DOUBLE, DOUBLE, BOOLEAN, DOUBLE)
-NONE: tuple[object, object] = (None, 0)
+_GROUPS = 4
 
 
-def inputs(layout: Layout, asked: Asked) -> Groups:
+def one_group(place: int, channels: object, count: object) -> GroupChannels:
+    """Return channels of the group at that place alone."""
+    return [(channels, count) if number == place else (None, 0) for number in range(_GROUPS)]
+
+
+def one_array(place: int, array: object) -> tuple[object, ...]:
+    """Return the array of the group at that place alone."""
+    return tuple(array if number == place else None for number in range(_GROUPS))
+
+
+def inputs(layout: Layout, asked: GroupChannels) -> Groups:
     """Return input channels that the board has; raises `HILError` for others."""
     known: tuple[Sequence[int], ...] = (
         range(layout.analog_inputs),
@@ -42,7 +52,7 @@ def inputs(layout: Layout, asked: Asked) -> Groups:
     return _groups(asked, known, _INPUTS, "INPUT")
 
 
-def outputs(layout: Layout, asked: Asked, *, pwm: bool) -> Groups:
+def outputs(layout: Layout, asked: GroupChannels, *, pwm: bool) -> Groups:
     """Return output channels that the board has; `pwm` says whether it drives its motor by PWM, in the analog output's place."""
     if asked[1][1] and not pwm:
         raise hil_error(Code.PWM_OUTPUTS_NOT_SUPPORTED)
@@ -55,7 +65,7 @@ def outputs(layout: Layout, asked: Asked, *, pwm: bool) -> Groups:
     return _groups(asked, known, _OUTPUTS, "OUTPUT")
 
 
-def _groups(asked: Asked, known: Sequence[Sequence[int]], kinds: Sequence[str], way: str) -> Groups:
+def _groups(asked: GroupChannels, known: Sequence[Sequence[int]], kinds: Sequence[str], way: str) -> Groups:
     found = {}
     for name, kind, exist, (given, count) in zip(_NAMES, kinds, known, asked, strict=True):
         found[name] = channels(given, count, f"{kind} channels", Code[f"MISSING_{kind.upper()}_{way}S"])

@@ -11,17 +11,17 @@ from servobench.compat.quanser.board import CODES, Board
 from servobench.compat.quanser.buffers import INT, output, values
 from servobench.compat.quanser.card import Card
 from servobench.compat.quanser.errors import Code
-from servobench.compat.quanser.groups import NONE, Asked
+from servobench.compat.quanser.groups import GroupChannels
 
 
-def _read(board: Board, asked: Asked, arrays: tuple[Any, ...]) -> None:
+def _read(board: Board, asked: GroupChannels, arrays: tuple[Any, ...]) -> None:
     chosen = groups.inputs(board.layout, asked)
     found = groups.results(chosen, arrays)
     with board.call():
         groups.fill(found, [board.latch(chosen)])
 
 
-def _write(board: Board, asked: Asked, arrays: tuple[Any, ...]) -> None:
+def _write(board: Board, asked: GroupChannels, arrays: tuple[Any, ...]) -> None:
     chosen = groups.outputs(board.layout, asked, pwm=board.pwm)
     row = groups.rows(chosen, arrays)[0]
     with board.call():
@@ -29,7 +29,7 @@ def _write(board: Board, asked: Asked, arrays: tuple[Any, ...]) -> None:
 
 
 def _read_write(
-    board: Board, asked: Asked, wanted: Asked, arrays: tuple[Any, ...], given: tuple[Any, ...]
+    board: Board, asked: GroupChannels, wanted: GroupChannels, arrays: tuple[Any, ...], given: tuple[Any, ...]
 ) -> None:
     """Read, then write, in one call."""
     inputs = groups.inputs(board.layout, asked)
@@ -40,42 +40,40 @@ def _read_write(
         board.put(outputs, row)
 
 
-def _one(place: int, channels: Any, count: Any) -> Asked:
-    """Channels of one group."""
-    return [(channels, count) if number == place else NONE for number in range(4)]
-
-
-def _alone(place: int, array: Any) -> tuple[Any, ...]:
-    """The array of one group."""
-    return tuple(array if number == place else None for number in range(4))
-
-
 class Immediate(Card):
     """A board that is read and written at once."""
 
+    def _exchange(
+        self, place: int, inputs: tuple[Any, Any], outputs: tuple[Any, Any], found: Any, given: Any
+    ) -> None:
+        """Read inputs, then write outputs, each of one group: channels and their number."""
+        asked, wanted = groups.one_group(place, *inputs), groups.one_group(place, *outputs)
+        arrays = groups.one_array(place, found), groups.one_array(place, given)
+        _read_write(self._board(), asked, wanted, *arrays)
+
     def read_analog(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Read analog inputs: channel 0 is the motor's current [A]."""
-        _read(self._board(), _one(0, channels, num_channels), _alone(0, buffer))
+        _read(self._board(), groups.one_group(0, channels, num_channels), groups.one_array(0, buffer))
 
     def read_analog_codes(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Read analog inputs as the converter gives them."""
         board = self._board()
-        chosen = groups.inputs(board.layout, _one(0, channels, num_channels))
+        chosen = groups.inputs(board.layout, groups.one_group(0, channels, num_channels))
         found = output(buffer, len(chosen.analog), INT, "analog buffer", Code.MISSING_ANALOG_INPUT_BUFFER)
         with board.call():
             found.fill(round(current / board.motion.current_step) for current in board.latch(chosen)[0])
 
     def read_encoder(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Read encoders [counts]: 0 is the motor's, 1 the pendulum's."""
-        _read(self._board(), _one(1, channels, num_channels), _alone(1, buffer))
+        _read(self._board(), groups.one_group(1, channels, num_channels), groups.one_array(1, buffer))
 
     def read_digital(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Read digital inputs: the amplifier's fault, the warning and the error of a stall."""
-        _read(self._board(), _one(2, channels, num_channels), _alone(2, buffer))
+        _read(self._board(), groups.one_group(2, channels, num_channels), groups.one_array(2, buffer))
 
     def read_other(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Read other inputs: the tachometers [counts/s]."""
-        _read(self._board(), _one(3, channels, num_channels), _alone(3, buffer))
+        _read(self._board(), groups.one_group(3, channels, num_channels), groups.one_array(3, buffer))
 
     def read(
         self,
@@ -103,31 +101,31 @@ class Immediate(Card):
 
     def write_analog(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Write analog outputs: channel 0 is the motor's voltage [V]."""
-        _write(self._board(), _one(0, channels, num_channels), _alone(0, buffer))
+        _write(self._board(), groups.one_group(0, channels, num_channels), groups.one_array(0, buffer))
 
     def write_analog_codes(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Write analog outputs as their converter takes them."""
         board = self._board()
-        chosen = groups.outputs(board.layout, _one(0, channels, num_channels), pwm=board.pwm)
+        chosen = groups.outputs(board.layout, groups.one_group(0, channels, num_channels), pwm=board.pwm)
         count = len(chosen.analog)
         codes = values(buffer, count, INT, "analog buffer", Code.MISSING_ANALOG_OUTPUT_BUFFER)
         _write(
             board,
-            _one(0, channels, num_channels),
-            _alone(0, np.asarray(codes, np.float64) * 2 * board.motion.limit / CODES),
+            groups.one_group(0, channels, num_channels),
+            groups.one_array(0, np.asarray(codes, np.float64) * 2 * board.motion.limit / CODES),
         )
 
     def write_pwm(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Write duty cycles to PWM outputs, -1 to 1."""
-        _write(self._board(), _one(1, channels, num_channels), _alone(1, buffer))
+        _write(self._board(), groups.one_group(1, channels, num_channels), groups.one_array(1, buffer))
 
     def write_digital(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Write digital outputs: channel 0 turns the amplifier on."""
-        _write(self._board(), _one(2, channels, num_channels), _alone(2, buffer))
+        _write(self._board(), groups.one_group(2, channels, num_channels), groups.one_array(2, buffer))
 
     def write_other(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Write other outputs: the light, red, green and blue from 0 to 1."""
-        _write(self._board(), _one(3, channels, num_channels), _alone(3, buffer))
+        _write(self._board(), groups.one_group(3, channels, num_channels), groups.one_array(3, buffer))
 
     def write(
         self,
@@ -163,11 +161,8 @@ class Immediate(Card):
         output_buffer: Any,
     ) -> None:
         """Read analog inputs, then write analog outputs."""
-        asked, wanted = (
-            _one(0, input_channels, num_input_channels),
-            _one(0, output_channels, num_output_channels),
-        )
-        _read_write(self._board(), asked, wanted, _alone(0, input_buffer), _alone(0, output_buffer))
+        inputs, outputs = (input_channels, num_input_channels), (output_channels, num_output_channels)
+        self._exchange(0, inputs, outputs, input_buffer, output_buffer)
 
     def read_encoder_write_pwm(
         self,
@@ -179,11 +174,8 @@ class Immediate(Card):
         output_buffer: Any,
     ) -> None:
         """Read encoders, then write PWM outputs."""
-        asked, wanted = (
-            _one(1, input_channels, num_input_channels),
-            _one(1, output_channels, num_output_channels),
-        )
-        _read_write(self._board(), asked, wanted, _alone(1, input_buffer), _alone(1, output_buffer))
+        inputs, outputs = (input_channels, num_input_channels), (output_channels, num_output_channels)
+        self._exchange(1, inputs, outputs, input_buffer, output_buffer)
 
     def read_digital_write_digital(
         self,
@@ -195,11 +187,8 @@ class Immediate(Card):
         output_buffer: Any,
     ) -> None:
         """Read digital inputs, then write digital outputs."""
-        asked, wanted = (
-            _one(2, input_channels, num_input_channels),
-            _one(2, output_channels, num_output_channels),
-        )
-        _read_write(self._board(), asked, wanted, _alone(2, input_buffer), _alone(2, output_buffer))
+        inputs, outputs = (input_channels, num_input_channels), (output_channels, num_output_channels)
+        self._exchange(2, inputs, outputs, input_buffer, output_buffer)
 
     def read_other_write_other(
         self,
@@ -211,11 +200,8 @@ class Immediate(Card):
         output_buffer: Any,
     ) -> None:
         """Read other inputs, then write other outputs."""
-        asked, wanted = (
-            _one(3, input_channels, num_input_channels),
-            _one(3, output_channels, num_output_channels),
-        )
-        _read_write(self._board(), asked, wanted, _alone(3, input_buffer), _alone(3, output_buffer))
+        inputs, outputs = (input_channels, num_input_channels), (output_channels, num_output_channels)
+        self._exchange(3, inputs, outputs, input_buffer, output_buffer)
 
     def read_write(
         self,

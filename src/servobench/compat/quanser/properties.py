@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from servobench.compat.quanser.board import Board
-from servobench.compat.quanser.buffers import DOUBLE, INT, output, values, whole
+from servobench.compat.quanser.buffers import DOUBLE, INT, output, values, whole_number
 from servobench.compat.quanser.card import Card
 from servobench.compat.quanser.enumerations import IntegerProperty, StringProperty
 from servobench.compat.quanser.errors import Code, hil_error
@@ -52,7 +52,7 @@ class Properties(Card):
     def get_integer_property(self, properties: Any, num_properties: Any, buffer: Any) -> None:
         """Fetch properties that are whole numbers."""
         board = self._board()
-        count = whole(num_properties, "num_properties")
+        count = whole_number(num_properties, "num_properties")
         asked = values(properties, count, INT, "properties", Code.INVALID_ARGUMENT)
         found = output(buffer, count, INT, "property buffer", Code.INVALID_ARGUMENT)
         with board.call(guarded=False):
@@ -75,9 +75,9 @@ class Properties(Card):
         With a size in the place of the buffer the text is returned; with a buffer, its characters go there.
         """
         board = self._board()
-        size = whole(buffer if buffer_size is None else buffer_size, "buffer_size")
+        size = whole_number(buffer if buffer_size is None else buffer_size, "buffer_size")
         with board.call(guarded=False):
-            text = _text(board, whole(property_code, "property_code"))
+            text = _text(board, whole_number(property_code, "property_code"))
         if len(text) >= size:
             raise hil_error(Code.STRING_TOO_SMALL, f"{len(text) + 1} characters are needed.")
         if buffer_size is None:
@@ -104,5 +104,5 @@ class Properties(Card):
 
     def _count(self, properties: Any, num_properties: Any) -> int:
         self._board()
-        count = whole(num_properties, "num_properties")
+        count = whole_number(num_properties, "num_properties")
         return len(values(properties, count, INT, "properties", Code.INVALID_ARGUMENT))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from servobench.compat.quanser import groups
-from servobench.compat.quanser.buffers import whole
+from servobench.compat.quanser.buffers import whole_number
 from servobench.compat.quanser.card import Card
 from servobench.compat.quanser.errors import Code, hil_error
-from servobench.compat.quanser.groups import NONE, Asked
+from servobench.compat.quanser.groups import GroupChannels
 from servobench.compat.quanser.tasks import (
     Groups,
     Pair,
@@ -22,18 +22,13 @@ from servobench.compat.quanser.tasks import (
 _CLOCKS = range(-4, 1)  # four system clocks, and the hardware clock
 
 
-def _one(place: int, channels: Any, count: Any) -> Asked:
-    """Channels of one group."""
-    return [(channels, count) if number == place else NONE for number in range(4)]
-
-
 class TaskCalls(Card):
     """A board whose inputs are sampled, and whose outputs are put out, at the ticks of a clock."""
 
     def _add(self, kind: Any, size: Any, chosen: Groups) -> Task:
         """Make a task, not yet started."""
         board = self._board()
-        samples = whole(size, "samples_in_buffer")
+        samples = whole_number(size, "samples_in_buffer")
         if samples <= 0:
             raise hil_error(Code.INVALID_BUFFER_SIZE, f"samples_in_buffer is {samples}.")
         task = Task(kind, chosen, samples, board.address.simulator, board.latch, board.put)
@@ -41,28 +36,28 @@ class TaskCalls(Card):
             board.tasks.append(task)
         return task
 
-    def _reader(self, size: Any, asked: Asked) -> Task:
+    def _reader(self, size: Any, asked: GroupChannels) -> Task:
         return self._add("reader", size, groups.inputs(self._board().layout, asked))
 
-    def _writer(self, size: Any, wanted: Asked) -> Task:
+    def _writer(self, size: Any, wanted: GroupChannels) -> Task:
         board = self._board()
         return self._add("writer", size, groups.outputs(board.layout, wanted, pwm=board.pwm))
 
     def task_create_analog_reader(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that reads analog inputs."""
-        return self._reader(samples_in_buffer, _one(0, channels, num_channels))
+        return self._reader(samples_in_buffer, groups.one_group(0, channels, num_channels))
 
     def task_create_encoder_reader(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that reads encoders."""
-        return self._reader(samples_in_buffer, _one(1, channels, num_channels))
+        return self._reader(samples_in_buffer, groups.one_group(1, channels, num_channels))
 
     def task_create_digital_reader(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that reads digital inputs."""
-        return self._reader(samples_in_buffer, _one(2, channels, num_channels))
+        return self._reader(samples_in_buffer, groups.one_group(2, channels, num_channels))
 
     def task_create_other_reader(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that reads other inputs."""
-        return self._reader(samples_in_buffer, _one(3, channels, num_channels))
+        return self._reader(samples_in_buffer, groups.one_group(3, channels, num_channels))
 
     def task_create_reader(
         self,
@@ -87,19 +82,19 @@ class TaskCalls(Card):
 
     def task_create_analog_writer(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that writes analog outputs."""
-        return self._writer(samples_in_buffer, _one(0, channels, num_channels))
+        return self._writer(samples_in_buffer, groups.one_group(0, channels, num_channels))
 
     def task_create_pwm_writer(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that writes PWM outputs."""
-        return self._writer(samples_in_buffer, _one(1, channels, num_channels))
+        return self._writer(samples_in_buffer, groups.one_group(1, channels, num_channels))
 
     def task_create_digital_writer(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that writes digital outputs."""
-        return self._writer(samples_in_buffer, _one(2, channels, num_channels))
+        return self._writer(samples_in_buffer, groups.one_group(2, channels, num_channels))
 
     def task_create_other_writer(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that writes other outputs."""
-        return self._writer(samples_in_buffer, _one(3, channels, num_channels))
+        return self._writer(samples_in_buffer, groups.one_group(3, channels, num_channels))
 
     def task_create_writer(
         self,
@@ -170,7 +165,7 @@ class TaskCalls(Card):
     def task_set_buffer_overflow_mode(self, task: Any, mode: Any) -> None:
         """Say what happens where the buffer is full."""
         for part in parts(require(task)):
-            part.set_mode(whole(mode, "the overflow mode"))
+            part.set_mode(whole_number(mode, "the overflow mode"))
 
     def task_get_buffer_overflows(self, task: Any) -> int:
         """Return how many samples were lost, or missing, at ticks."""
@@ -180,9 +175,9 @@ class TaskCalls(Card):
     def task_start(self, task: Any, clock: Any, frequency: Any, num_samples: Any) -> None:
         """Start to tick with a frequency [Hz], for a number of samples."""
         found = require(task)
-        if whole(clock, "clock") not in _CLOCKS:
+        if whole_number(clock, "clock") not in _CLOCKS:
             raise hil_error(Code.CLOCK_NOT_SUPPORTED, f"clock {clock}; a QUBE has hardware clock 0.")
-        count = whole(num_samples, "num_samples")
+        count = whole_number(num_samples, "num_samples")
         with self._board().call() as now:
             for part in parts(found):
                 part.start(now, float(frequency), count)
@@ -249,7 +244,7 @@ class TaskCalls(Card):
         other_buffer: Any,
     ) -> int:
         """Wait for samples, and return how many there were: fewer than wanted where the task stopped before."""
-        reader, count = reader_of(task), whole(num_samples, "num_samples")
+        reader, count = reader_of(task), whole_number(num_samples, "num_samples")
         if count > reader.size:
             raise hil_error(Code.TOO_MANY_SAMPLES, f"{count} of a buffer of {reader.size}.")
         arrays = (analog_buffer, encoder_buffer, digital_buffer, other_buffer)
@@ -290,7 +285,7 @@ class TaskCalls(Card):
         other_buffer: Any,
     ) -> int:
         """Hand samples to a task, waiting for room in its buffer, and return how many it took."""
-        writer, count = writer_of(task), whole(num_samples, "num_samples")
+        writer, count = writer_of(task), whole_number(num_samples, "num_samples")
         if count > writer.size:
             raise hil_error(Code.TOO_MANY_SAMPLES, f"{count} into a buffer of {writer.size}.")
         rows = groups.rows(writer.groups, (analog_buffer, pwm_buffer, digital_buffer, other_buffer), count)

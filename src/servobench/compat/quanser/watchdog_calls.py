@@ -9,7 +9,6 @@ from servobench.compat.quanser.board import Board
 from servobench.compat.quanser.buffers import DOUBLE, INT, finite, values
 from servobench.compat.quanser.card import Card
 from servobench.compat.quanser.errors import Code, hil_error
-from servobench.compat.quanser.groups import NONE
 from servobench.compat.quanser.layout import LIGHTS
 
 
@@ -24,7 +23,7 @@ class WatchdogCalls(Card):
 
     def _outputs(self, place: int, given: Any, count: Any) -> tuple[int, ...]:
         board = self._require_watchdog()
-        asked = [(given, count) if number == place else NONE for number in range(4)]
+        asked = groups.one_group(place, given, count)
         return tuple(groups.outputs(board.layout, asked, pwm=board.pwm))[place]
 
     def watchdog_set_analog_expiration_state(self, channels: Any, num_channels: Any, voltages: Any) -> None:

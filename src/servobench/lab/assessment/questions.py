@@ -67,7 +67,7 @@ def same_for_all(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, bool]:
     return found
 
 
-def whole_form_pass_rate(asked: Sequence[tuple[Question, ...]]) -> float:
+def form_pass_rate(asked: Sequence[tuple[Question, ...]]) -> float:
     """Return the share of other students' whole forms that would pass as a student's own; NaN with a single student."""
     pairs = [(mine, other) for mine in asked for other in asked if mine is not other]
     passed = sum(

@@ -354,11 +354,12 @@ class Quanser:
 
 
 def _succeeds(act: Callable[[], object]) -> bool:
-    """Do something that may fail, and return whether it didn't; a stop never raises."""
+    """Do something that may fail, and return whether it didn't; a stop never raises.
+
+    A board that is gone may raise anything. The guard sees by the shaft whether it stands.
+    """
     try:
         act()
-    except (
-        Exception
-    ):  # whatever a board that may be gone raises; the guard sees by the shaft whether it stands
+    except Exception:
         return False
     return True
