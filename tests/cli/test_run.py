@@ -263,6 +263,7 @@ def test_a_folder_is_one_run_s_from_its_beginning_to_its_last_file(tmp_path: Pat
 LIMITED = """
 import resource, sys
 from servobench.cli import main
+sys.dont_write_bytecode = True  # else modules imported below are kept cut off, for whoever comes next
 resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))  # bytes: about 400 rows
 sys.exit(main(sys.argv[1:]))
 """

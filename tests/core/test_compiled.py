@@ -113,7 +113,7 @@ def test_where_nothing_can_be_written_it_is_told_once_and_compiled_each_time(
 @pytest.mark.skipif(sys.platform == "win32", reason="ulimit is POSIX's")
 def test_code_that_finds_no_room_is_told_once(tmp_path: Path, use: Callable[..., tuple[str, str]]) -> None:
     text = (tmp_path / "kernels.py").read_text()
-    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
+    limit = "import resource, sys; sys.dont_write_bytecode = True; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
     (tmp_path / "kernels.py").write_text(text.replace("print(", f"{limit}print("))
 
     printed, warned = use()

@@ -360,9 +360,10 @@ def test_a_ring_of_the_other_kind_is_a_clear_error(ring: RowRing) -> None:
 
 
 UNDER_A_LIMIT = """
-import os, resource
+import os, resource, sys
 from servobench.core.errors import StorageError
 from servobench.rig.loop.ring import RowRing
+sys.dont_write_bytecode = True  # else modules imported below are kept cut off, for whoever comes next
 resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 16, 1 << 16))  # bytes: less than the ring
 try:
     RowRing.create(16, 65536)
