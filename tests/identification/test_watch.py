@@ -10,6 +10,8 @@ import pytest
 import servobench as sb
 from servobench.core.channels import Array
 from servobench.core.errors import MissingInformation, UsageError
+from servobench.identification.design.stopping_rule import half
+from servobench.identification.identify import identify_evidence
 from servobench.identification.watch import Watch, stop_text
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.native.reader import read
@@ -126,10 +128,32 @@ def test_a_shaft_that_rests_needs_motion(tmp_path: Path) -> None:
 
 
 def test_one_way_is_enough_for_gain_and_says_what_both_directions_would_tell(tmp_path: Path) -> None:
-    sentence = watched(tmp_path, driven(low=1.0)).sentence()
+    watch = watched(tmp_path, driven(low=1.0))
+    watch.judge(identify_evidence(watch.so_far()))
+    sentence = watch.sentence()
 
     assert sentence.startswith("enough is known: gain ± ")
     assert "both directions" in sentence
+
+
+def test_enough_by_noise_alone_is_not_enough_where_the_model_may_be_wrong_by_more(tmp_path: Path) -> None:
+    """Under a slow sine the time constant is known to 0.03 % by noise alone, and to no more than 0.2 % in all."""
+    wish = {"time_constant": 1e-3}
+    watch = Watch(ENCODER, "test", tmp_path / "recording.mcap", wish)
+    OPEN.append(watch)
+    give(watch, rows_of(sb.Experiment(signal=sb.Sine(amplitude=3, frequency=0.1), duration=20, seed=1)))
+
+    assert watch.enough
+    assert watch.sentence().startswith("by noise alone time constant ± ")
+
+    result = identify_evidence(watch.so_far())
+    watch.judge(result)
+
+    assert half(result, "time_constant") > wish["time_constant"]
+    assert not watch.known
+    assert watch.sentence().startswith("needs more motion, and other motion")
+    final = identify_evidence(watch.end(stop_text("end")))
+    assert final["time_constant"].interval == result["time_constant"].interval
 
 
 def test_a_wrapping_counter_is_followed_and_said(tmp_path: Path) -> None:
@@ -150,6 +174,20 @@ def test_a_wrapping_counter_is_followed_and_said(tmp_path: Path) -> None:
     assert evidence.chain == "unwrap 16 bit"
     assert "stream-counter-wraps" in {each.code for each in evidence.recording.findings}
     assert sb.identify(evidence.dataset()).fit is not None
+
+
+def test_a_wrong_count_is_no_wrap_and_hides_none(tmp_path: Path) -> None:
+    """One count of 1e9 says nothing of how fast the shaft turns: a counter's wraps are still told from other jumps."""
+    values = driven().copy()
+    values[:, 2] = (values[:, 2] + 2**15) % 2**16 - 2**15
+    jumps = int(np.count_nonzero(np.abs(np.diff(values[:, 2])) > 2**15))
+    values[300, 2] = 1e9
+    told = watched(tmp_path, values).end(stop_text("end"))[0].recording.findings
+
+    assert jumps > 0
+    assert [f.sentence for f in told if f.code == "stream-counter-wraps"] == [
+        f"The counter wrapped {jumps} times at 16 bits; that is taken out."
+    ]
 
 
 def test_lost_rows_are_counted_and_the_estimate_goes_on(tmp_path: Path) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from types import FrameType
-from typing import TYPE_CHECKING, Annotated
+from types import FrameType, TracebackType
+from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from servobench.recordings.streams.base import Stream
 
 _PATIENCE = 0.2  # s of waiting for rows, before the display is renewed
-_LOOK = 1.0  # s between two looks at whether it is enough
 _BLOCK = 200  # rows between two looks at why to stop, however many come at once
 KNOWN = "known"
 
@@ -89,7 +89,7 @@ def watch(
     stream = stream_of(source)
     console = messages() if as_json else output()
     with empty_folder(out, "watch", datetime.now()) as folder:
-        evidence = _record(stream, mapping, folder, console, wish, length, until is not None)
+        evidence = _record(stream, mapping, folder, console, wish, length, until is not None, structure)
         say(console, f"recording: {folder / 'recording.mcap'}\n")
         with Progress() as progress, announce_compiling(progress):
             result = _identify(evidence, progress, structure, nominal)
@@ -128,6 +128,7 @@ def _record(
     wish: Mapping[str, float] | None,
     length: float | None,
     until_known: bool,
+    structure: str,
 ) -> list[Evidence]:
     """Watch the stream into the folder until it ends, or is to end."""
     from servobench.cli.live_text import LiveText
@@ -135,8 +136,18 @@ def _record(
 
     watched = Watch(mapping, stream.name, folder / "recording.mcap", wish)
     try:
-        with _requests() as requested, stream, LiveText(console) as text:
-            reason = _follow(stream, watched, text.show, requested, length, until_known)
+        with (
+            _requests() as requested,
+            stream,
+            LiveText(console) as text,
+            _Judgement(watched, structure) as judged,
+        ):
+
+            def show(silence: float) -> None:
+                judged.go_on()
+                text.show(watched, silence)
+
+            reason = _follow(stream, watched, show, requested, length, until_known)
             evidence = watched.end(stop_text(reason))
             text.show_last(watched)
     except BaseException:
@@ -148,14 +159,13 @@ def _record(
 def _follow(
     stream: Stream,
     watched: Watch,
-    show: Callable[[Watch, float], None],
+    show: Callable[[float], None],
     requested: Callable[[], bool],
     length: float | None,
     until_known: bool,
 ) -> str:
     """Take rows until there is a reason to stop, and return that; a stream that is silent for `length` [s] is over, too."""
     heard = time.monotonic()
-    look = _LOOK  # s of the stream
     while not requested():
         rows = stream.read(_PATIENCE)
         if rows is None:
@@ -169,14 +179,55 @@ def _follow(
             watched.take(block)
             if length is not None and (watched.duration >= length or silence >= length):
                 return "time"
-            if until_known and (watched.duration >= look or not len(block.values)):
-                look = watched.duration + _LOOK
-                if watched.enough:
-                    return "known"
-            show(watched, silence)
+            show(silence)
+            if until_known and watched.known:
+                return "known"
             if requested():
                 return "interrupted"
     return "interrupted"
+
+
+class _Judgement:
+    """Identifies the rows so far, aside, where the live intervals say that it is enough: those hold noise only.
+
+    A context manager; as in `StoppingRule`, each look is at a fifth more than the one before.
+    """
+
+    def __init__(self, watched: Watch, structure: str) -> None:
+        self._watched, self._structure = watched, structure
+        self._aside = ThreadPoolExecutor(max_workers=1)
+        self._running: Future[Result | None] | None = None
+        self._next = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Let the look that is under way end."""
+        self._aside.shutdown(cancel_futures=True)
+
+    def go_on(self) -> None:
+        """Take the result of a look that has ended, or begin one where it is time."""
+        from servobench.identification.design.stopping_rule import GROWTH
+
+        if self._running is not None and self._running.done():
+            result, self._running = self._running.result(), None
+            if result is not None:
+                self._watched.judge(result)
+        elif self._running is None and self._watched.enough and self._watched.duration >= self._next:
+            self._next = GROWTH * self._watched.duration
+            self._running = self._aside.submit(self._look)
+
+    def _look(self) -> Result | None:
+        from servobench.core.errors import NotIdentifiable
+        from servobench.identification.identify import identify_evidence
+
+        try:
+            return identify_evidence(self._watched.so_far(), self._structure)
+        except NotIdentifiable:
+            return None
 
 
 @contextmanager

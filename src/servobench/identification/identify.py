@@ -55,6 +55,7 @@ from servobench.identification.trust.missing_terms import (
 from servobench.identification.trust.other_output import with_other_output
 from servobench.identification.trust.validation import validate
 from servobench.identification.trust.winding import about_winding
+from servobench.identification.uncertainty.curved_valley import with_curved_valley
 from servobench.identification.uncertainty.friction_near_rest import with_friction_near_rest
 from servobench.identification.uncertainty.identifiability import (
     Combination,
@@ -309,7 +310,7 @@ def _with_allowances(
     if estimator == "auto":
         fit = with_unseen_torque(fit)
     fit = with_missing_terms(fit, choice.shown)
-    fit = with_rounded_times(fit)
+    fit = with_rounded_times(with_curved_valley(fit))
     fit = with_unresolved_time_constant(with_model_error(fit, one_level))
     fit = widen_for_lag_split(with_unknown_chain(widen_for_host_delay(fit)))
     return widen_for_gain_friction_split(fit)

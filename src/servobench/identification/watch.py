@@ -17,9 +17,11 @@ from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import count_text
 from servobench.core.units import unit
+from servobench.identification.design.stopping_rule import StoppingRule
 from servobench.identification.estimators.recursion.motion import Samples
 from servobench.identification.estimators.recursion.start import Setting
 from servobench.identification.live import BOTH_WAYS, LiveEstimate
+from servobench.identification.result import Result
 from servobench.recordings.evidence import Evidence
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.measurement.base import Chain
@@ -34,6 +36,7 @@ KNOWN = {"gain": 0.02, "time_constant": 0.05}
 """The half-widths over the values that are enough where nobody wishes for others."""
 
 _COUNTERS = (16, 32)  # bits of the counters whose wraps are recognised
+_RANGES = tuple(2.0**bits for bits in _COUNTERS)
 _PAUSE = 1.0  # s without rows: what comes then is a recording of its own
 _FEWEST = 20  # rows: fewer than any structure needs for a model
 
@@ -66,6 +69,8 @@ class Watch:
         self._last = 0.0
         self._looked = 0
         self._chains: list[str] = []
+        self._rule = StoppingRule(self._wish)
+        self._judged: Result | None = None
 
     @property
     def rows(self) -> int:
@@ -129,8 +134,26 @@ class Watch:
 
     @property
     def enough(self) -> bool:
-        """Whether the parameters are known as well as wished."""
+        """Whether the parameters are known as well as wished by what noise does to them alone."""
         return self._live is not None and bool(self._live.message()["enough"])
+
+    @property
+    def known(self) -> bool:
+        """Whether they are known as well as wished with what the model may be wrong by, as far as `judge` was told."""
+        return self._judged is not None and self._rule.is_met(self._judged)
+
+    def so_far(self) -> list[Evidence]:
+        """Return the recordings up to now as the file holds them; raises what `read` does."""
+        if self._writer is None:
+            return []
+        chains = [*self._chains, *([self._chain()] if self._evidence is not None else [])]
+        part = self._path.with_name(f"{self._path.name}.part")
+        found = [Evidence(_as_it_grows(each), chain) for each, chain in zip(read(part), chains, strict=False)]
+        return _without_stubs(found)
+
+    def judge(self, result: Result) -> None:
+        """Take what identification says of the rows so far: its intervals hold what the live ones don't."""
+        self._judged = result
 
     def sentence(self) -> str:
         """Return in one sentence whether enough is known, and how well, or else which motion is missing."""
@@ -138,11 +161,16 @@ class Watch:
             return "waiting for rows"
         if self._live is None:
             return "recording; a speed is identified at the end, a position also live"
+        both = f"; to tell friction from offset it {BOTH_WAYS}" if self._live.turned_one_way else ""
+        if self._judged is not None:
+            said = self._rule.progress_text(self._judged)
+            if self.known:
+                return f"enough is known: {said}{both}"
+            return f"needs more motion, and other motion: with what the model may be wrong by, {said}{both}"
         if self.enough:
             found = self._live.message()["parameters"]
-            known = ", ".join(f"{parameter_in_words(name)} {_share(found[name])}" for name in self._wish)
-            both = f"; to tell friction from offset it {BOTH_WAYS}" if self._live.turned_one_way else ""
-            return f"enough is known: {known}{both}"
+            share = " and ".join(f"{parameter_in_words(name)} {_share(found[name])}" for name in self._wish)
+            return f"by noise alone {share}; what the model may be wrong by comes on top{both}"
         if self._live.message()["white"] is False:
             return "the motor doesn't do what the model says: look for play, a load that changes, or a limit that it reaches"
         return " and ".join(self._live.missing_motions()) or "needs more of the same motion"
@@ -199,14 +227,18 @@ class Watch:
         if self._writer is None or self._evidence is None:
             return
         told = [*self._evidence.recording.findings, *self._intake.findings()]
-        chain = self._evidence.chain
-        if self._travel.wraps and not chain:
-            chain = f"unwrap {self._travel.bits} bit"
+        chain = self._chain()
+        if chain != self._evidence.chain:
             told.append(_about_wraps(self._travel))
         self._writer.end(stopped, tuple(told))
         self._chains.append(chain)
         self._watched = self.duration
         self._evidence, self._begun, self._input = None, None, None
+
+    def _chain(self) -> str:
+        """What the output of the present recording is still to go through, the wraps of its counter included."""
+        stated = self._evidence.chain if self._evidence is not None else ""
+        return stated or (f"unwrap {self._travel.bits} bit" if self._travel.wraps else "")
 
     def _new_estimate(self, part: Part) -> LiveEstimate | None:
         """An estimate that can follow such rows; None for a speed, or for a position behind filters."""
@@ -237,6 +269,13 @@ class Watch:
         live.take(Samples(t=t, y=y, t_in=t, u=u))
 
 
+def _as_it_grows(recording: Recording) -> Recording:
+    """A recording without the remark that its file has no end, which is still to come."""
+    return replace(
+        recording, findings=tuple(each for each in recording.findings if each.code != "recording-cut-short")
+    )
+
+
 def _without_stubs(found: list[Evidence]) -> list[Evidence]:
     """The recordings that are long enough for a model, with a finding for those that aren't; all where none is."""
     long = [each for each in found if len(each.recording.series[0].values) >= _FEWEST]
@@ -259,7 +298,7 @@ class _Travel:
         self.wraps = 0
         self.bits = 0
         self._modulus = stage.modulus if stage else 0.0
-        self._moduli = [2.0**bits for bits in _COUNTERS] if counts and stage is None else []
+        self._moduli = list(_RANGES) if counts and stage is None else []
         self._last: float | None = None
         self._fastest = 1.0
         self._added = 0.0
@@ -283,7 +322,7 @@ class _Travel:
             turns = np.zeros(len(steps))
             for at in np.flatnonzero(np.abs(steps) > 0.5 * min(self._moduli, default=np.inf)):
                 turns[at] = self._turn(float(steps[at]))
-        small = np.abs(steps[turns == 0])
+        small = np.abs(steps[(turns == 0) & (np.abs(steps) <= 0.5 * (self._modulus or min(_RANGES)))])
         self._fastest = max(self._fastest, float(small.max(initial=0.0)))
         self.wraps += int(np.count_nonzero(turns))
         self._last = float(values[-1])

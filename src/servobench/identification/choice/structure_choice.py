@@ -24,6 +24,7 @@ from servobench.identification.choice.computed_data import about_computed, fit_t
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
     clearly_better,
+    deviance,
     fit_structure,
     shifts_parameters,
 )
@@ -127,14 +128,45 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
         told = info("friction-found", sentence, parameters=("coulomb_voltage",))
         return _Base(fit=with_friction, findings=(told,), fits=fits)
     if shifts_parameters(with_friction, frictionless):
-        sentence = (
-            "These data don't show for certain whether there is Coulomb friction, but it can't be left out: without it the gain "
-            f"would be {gains}, with too narrow an interval."
-        )
-        told = info("friction-possible", sentence, parameters=("coulomb_voltage",))
-        return _Base(fit=with_friction, findings=(told,), fits=fits)
+        return _Base(fit=with_friction, findings=(_friction_possible(gains),), fits=fits)
     sentence = "The data show no Coulomb friction: the model without it explains them as well."
     return _Base(fit=frictionless, findings=(info("friction-not-found", sentence),), fits=fits)
+
+
+def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Base, Fit]:
+    """The base and its fit as it is allowed for; that with Coulomb friction if only a filter for a random torque shows it.
+
+    What a random torque does to the position hides a little friction from a simulation. The innovations are white, and twice the
+    logarithm of their likelihoods' ratio is held against Schwarz's criterion.
+    """
+    fit = allow(base.fit)
+    rival = base.fits.get("first_order_coulomb")
+    if fit.disturbance is None or rival is None or base.fit is rival:
+        return base, fit
+    with_friction = allow(rival)
+    if with_friction.disturbance is None:
+        return base, fit
+    gains = instead_of(fit.model["gain"], with_friction.model["gain"])
+    samples = sum(int(record.valid.sum()) for record in fit.records)
+    if deviance(fit) - deviance(with_friction) > np.log(samples):
+        sentence = (
+            "Coulomb friction is needed: beside the random torque it explains more than chance would, and without it the gain "
+            f"would be {gains}."
+        )
+        found = info("friction-found", sentence, parameters=("coulomb_voltage",))
+    elif shifts_parameters(with_friction, fit):
+        found = _friction_possible(gains)
+    else:
+        return base, fit
+    return replace(base, fit=rival, findings=(found,)), with_friction
+
+
+def _friction_possible(gains: str) -> Finding:
+    sentence = (
+        "These data don't show for certain whether there is Coulomb friction, but it can't be left out: without it the gain "
+        f"would be {gains}, with too narrow an interval."
+    )
+    return info("friction-possible", sentence, parameters=("coulomb_voltage",))
 
 
 def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
@@ -177,7 +209,8 @@ def _climb(
     allow: Callable[[Fit], Fit],
 ) -> Choice:
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
-    plain, fit, refused = base.fit, allow(base.fit), dict[str, Rung]()
+    base, fit = _allow_with_friction(base, allow)
+    plain, refused = base.fit, dict[str, Rung]()
     findings = base.findings
     shown = score_terms(fit)
     if any(finding.code == _REST for finding in findings):

@@ -122,12 +122,15 @@ def _one_of_several(
     held = _minima_at(structure, data, minimum, prior.at, values)
     samples = _samples(data, minimum)
     settled = [lowest(structure, data, (each.theta,)) for each in held]
-    others = [
-        each
-        for each in settled
-        if abs(each.theta[prior.at] - delay) > 0.5 * step
-        and abs(_loss(each, prior, samples) - _loss(minimum, prior, samples)) < _AS_LIKELY
-    ]
+
+    def is_in_doubt(each: Minimum) -> bool:
+        apart = (
+            abs(each.theta[prior.at] - delay) / step
+        )  # as many places are as good, and together they are likelier
+        less = abs(_loss(each, prior, samples) - _loss(minimum, prior, samples))
+        return bool(apart > 0.5 and less < _AS_LIKELY + 2.0 * np.log(max(apart, 1.0)))
+
+    others = [each for each in settled if is_in_doubt(each)]
     if not others:
         return None
     best = min((minimum, *others), key=lambda each: _loss(each, prior, samples))

@@ -210,15 +210,15 @@ def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: DelayP
     if variance > 0:
         known = _weigh_records(layout, minimum, variance)
         covariance += of_known_errors(layout.structure, known, variance * bread)
+    if held.any():
+        free = inverse(h)
+        covariance[held, held] = variance * np.diag(free)[held]
+        covariance += _of_held(layout, minimum, variance, free, held)
     if prior is not None:
         column = (
             bread[:, prior.at] * variance / prior.scale if prior.along is None else prior.along * prior.scale
         )
         covariance += np.outer(column, column)
-    if held.any():
-        free = inverse(h)
-        covariance[held, held] = variance * np.diag(free)[held]
-        covariance += _of_held(layout, minimum, variance, free, held)
     unknown = np.diag(h) == 0
     covariance[unknown, unknown] = np.inf
     return covariance

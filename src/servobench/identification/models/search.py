@@ -37,6 +37,8 @@ _LOWER = 1.0 - 1e-6  # times: under one level any width explains as much, and ro
 _WIDTHS = np.linspace(
     0.05, 0.65, 7
 )  # of the largest input: dead zones that are tried for a guess of friction
+_VALLEYS = 3
+_DECADE = 10.0
 _NEAR = 4.0  # a valley is worth a search of its own if its cost is within this factor of the lowest
 
 
@@ -177,10 +179,25 @@ def _behind_dead_zone(data: Dataset, width: float) -> Dataset:
 
 
 def _valleys(trials: _Trials) -> list[_Trial]:
-    """The local minima of the cost along τ, the three lowest."""
+    """The local minima of the cost along τ, the three lowest of those that aren't ripples of one another.
+
+    Where the data say little of τ, the floor of a valley is rough, and three places on it would lead to the same minimum while
+    another valley, as good but for chance, is never entered.
+    """
     costs = np.concatenate([[np.inf], trials.costs, [np.inf]])
     low = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:]) & np.isfinite(costs[1:-1]))
-    return [trials.one(int(n)) for n in low[np.argsort(trials.costs[low])][:3]]
+    found: list[int] = []
+    for n in low[np.argsort(trials.costs[low])]:
+        if not any(_is_ripple(trials, int(n), other) for other in found):
+            found.append(int(n))
+    return [trials.one(n) for n in found[:_VALLEYS]]
+
+
+def _is_ripple(trials: _Trials, one: int, other: int) -> bool:
+    """Whether two local minima lie near each other without a rise between them that chance wouldn't make."""
+    first, last = sorted((one, other))
+    near = trials.points[last, 0] < _DECADE * trials.points[first, 0]
+    return bool(near and trials.costs[first : last + 1].max() < trials.costs[one] * (1 + 1 / _ROWS))
 
 
 def _refine(

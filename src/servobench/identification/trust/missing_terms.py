@@ -16,8 +16,9 @@ from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.models.rational import Rational
-from servobench.identification.uncertainty.score_test import ScoreTest, Term, TermScore
+from servobench.identification.uncertainty.score_test import ScoreTest, Term, TermScore, size_beside
 
+_AS_LIKELY = 3.84  # in χ²: what chance exceeds in 5 % of runs
 _RIPPLES = range(1, 17)  # times a revolution
 
 
@@ -182,8 +183,20 @@ def score_terms(fit: Fit) -> tuple[TermScore, ...]:
 
 
 def missing_terms(shown: Sequence[TermScore]) -> list[Finding]:
-    """Return a finding for each term that the data ask for and the structure lacks; of several ripples, the strongest."""
-    return [_finding(code, one) for code, one in _strongest(shown).items()]
+    """Return a finding for each term that the data ask for beside those that they ask for more, and the structure lacks.
+
+    What looks like a term because a stronger one is lacking is only named with that one, unless it is as likely as the strongest
+    but for chance.
+    """
+    told: dict[str, TermScore] = {}
+    alike: dict[str, list[str]] = {}
+    for one in sorted(_strongest(shown).values(), key=lambda each: -each.size):
+        as_likely = not told or one.size**2 > next(iter(told.values())).size ** 2 - _AS_LIKELY
+        if as_likely or size_beside(one, tuple(told.values())) > one.term.limit:
+            told[one.term.code] = one
+        else:
+            alike.setdefault(next(iter(told)), []).append(one.term.name)
+    return [_finding(code, one, alike.get(code, ())) for code, one in told.items()]
 
 
 def with_missing_terms(fit: Fit, shown: Sequence[TermScore]) -> Fit:
@@ -229,16 +242,22 @@ def _strongest(shown: Sequence[TermScore]) -> dict[str, TermScore]:
     return strongest
 
 
-def _finding(code: str, shown: TermScore) -> Finding:
-    """What a missing term is to the user: a doubt, unless the intervals hold it, or an unknown filter may be what makes it up."""
+def _finding(code: str, shown: TermScore, alike: Sequence[str]) -> Finding:
+    """What a missing term is to the user: a doubt, unless the intervals hold it, or an unknown filter may be what makes it up.
+
+    `alike` are terms that would show in the same residual.
+    """
+    sentence = _sentence(shown)
+    if alike:
+        sentence += f" Much the same would show with {' or '.join(dict.fromkeys(alike))}."
     concerned = ("gain", "time_constant")
     data = [record.data for record in shown.fit.records]
     if any(each.kind == "speed" and not each.chain and not each.chain_known for each in data):
-        told = f"{_sentence(shown)} All of that may come from a filter: say first how the speed was measured."
+        told = f"{sentence} All of that may come from a filter: say first how the speed was measured."
         return info(code, told, parameters=concerned)
     if not {"gain", "time_constant"} <= set(shown.fit.model.names):
-        return warning(code, _sentence(shown), parameters=concerned)
-    return info(code, f"{_sentence(shown)} The intervals allow for that.", parameters=concerned)
+        return warning(code, sentence, parameters=concerned)
+    return info(code, f"{sentence} The intervals allow for that.", parameters=concerned)
 
 
 def superfluous_terms(fit: Fit) -> list[Finding]:

@@ -87,7 +87,8 @@ class TermScore:
 
     `amount` (K,) of what the term adds, in the unit of the input or of the output, with its `covariance` (K, K); `moved` is by
     how many of their own standard deviations gain or time constant, whichever is worse, are off without it, `off` (P,) is by how
-    much each parameter is. `fit` is the one tested, `largest` its largest input.
+    much each parameter is. `fit` is the one tested, `largest` its largest input. `columns` (N, K) are what the term adds to
+    the innovations beyond what the parameters can, where the data ask for it.
     """
 
     term: Term
@@ -98,6 +99,7 @@ class TermScore:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     moved: float = 0.0
     off: Array = field(default_factory=lambda: np.zeros(0))
+    columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def whole(self) -> tuple[float, float]:
@@ -145,12 +147,7 @@ class ScoreTest:
         size = _normal_equivalent(total, power)
         if size <= ASKED:
             return replace(plain, size=size)
-        score = rest * self.innovations[:, None]
-        coloured = long_run(score, andrews_lag(score))
-        size = min(size, _normal_equivalent(total, coloured))
-        rounded = by_rounding(self.fit, rest) if size > ASKED else None
-        if rounded is not None:
-            size = min(size, _normal_equivalent(total, rounded))
+        size, coloured = _size_of(self.fit, self.innovations, rest)
         bread = np.linalg.pinv(power) / norms[told]
         amount = total @ bread
         if term.code == "ripple" and np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
@@ -163,6 +160,7 @@ class ScoreTest:
             covariance=unit**2 * bread.T @ coloured @ bread,
             moved=self._shift_in_sd(columns[:, told] @ amount),
             off=self.joint_shift(columns[:, told] @ amount)[: len(self.fit.model.theta)],
+            columns=rest if size > term.limit else plain.columns,
         )
 
     def shift(self, lacking: Sequence[Array]) -> Array:
@@ -187,6 +185,35 @@ class ScoreTest:
         names = self.fit.model.names
         at = [names.index(name) for name in ("gain", "time_constant") if name in names]
         return max((float(abs(off[n]) / sd[n]) for n in at if sd[n] > 0), default=0.0)
+
+
+def size_beside(shown: TermScore, others: Sequence[TermScore]) -> float:
+    """Return how strongly the data ask for a term beside others, in standard deviations.
+
+    What the others' columns can have as well is taken out of its own (Rao 1948 with the others among the parameters).
+    """
+    beside = [other.columns for other in others if len(other.columns) == len(shown.columns)]
+    if not beside or not shown.columns.size:
+        return shown.size
+    basis, _ = np.linalg.qr(np.hstack(beside))
+    rest = shown.columns - basis @ (basis.T @ shown.columns)
+    told = _lengths(rest) > 1e-6 * _lengths(shown.columns)
+    if not told.any():
+        return 0.0
+    innovations = np.concatenate([record.innovations[record.valid] for record in shown.fit.records])
+    return min(_size_of(shown.fit, innovations, rest[:, told])[0], shown.size)
+
+
+def _size_of(fit: Fit, innovations: Array, rest: Array) -> tuple[float, Array]:
+    """How much the innovations have of columns (N, K), in standard deviations, and the covariance (K, K) for their own colour."""
+    total = innovations @ rest
+    score = rest * innovations[:, None]
+    coloured = long_run(score, andrews_lag(score))
+    size = min(_normal_equivalent(total, rest.T @ rest), _normal_equivalent(total, coloured))
+    rounded = by_rounding(fit, rest) if size > ASKED else None
+    if rounded is not None:
+        size = min(size, _normal_equivalent(total, rounded))
+    return size, coloured
 
 
 def _unresolvable_ripple(fit: Fit) -> float:
