@@ -19,7 +19,7 @@ from population_parts.runs import outcome
         pytest.param(191, id="a torque that no test finds in a short record was taken for none"),
         pytest.param(285, id="a torque that no test finds behind noise was taken for none"),
         pytest.param(4106, id="a random torque hid a little friction from the simulation"),
-        pytest.param(5032, id="a filter for a random torque left the minimum that was chosen among several"),
+        pytest.param(5032, id="of a hundred places along a ramp of stairs only one was asked"),
         pytest.param(5114, id="three guesses on the floor of one valley left another unseen"),
         pytest.param(578, id="a slow drift took the rounding of a rest for motion, with a delay of 2.5 s"),
     ],

@@ -8,7 +8,7 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import info
-from servobench.identification.estimators import delay_prior, other_minima
+from servobench.identification.estimators import delay_prior
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.covariance import inverse
@@ -57,22 +57,8 @@ def allow_for_disturbance(fit: Fit) -> Fit:
         if counted is not None:
             return counted
         allowing = PredictionError().fit_after(fit)
-        if _leaves_for_another_minimum(allowing, fit):
-            return allow_for_misfit(fit)
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
     return allowing if fed_back or explains_the_colour(allowing) else allow_for_misfit(fit)
-
-
-def _leaves_for_another_minimum(allowing: Fit, fit: Fit) -> bool:
-    """Whether the fit with a random torque ended at another minimum than the one that was chosen among several.
-
-    The choice weighed the delays, too, which a search from one place doesn't.
-    """
-    if not any(line.source == other_minima.SOURCE for line in fit.budget):
-        return False
-    here, there = (np.diag(each.without(other_minima.SOURCE).covariance) for each in (fit, allowing))
-    apart = np.abs(allowing.model.theta - fit.model.theta)
-    return bool(np.any(apart > _AGREES * np.sqrt(np.maximum(here, there))))
 
 
 def with_counts_as_bins(fit: Fit) -> Fit:
@@ -125,8 +111,10 @@ def _torque_fit_if_delay_known(fit: Fit) -> Fit:
     """The fit with a random torque, if it explains the residuals and determines the delay.
 
     Output error took the delay from its prior. Otherwise another search would slide along the valley of undetermined delays, so
-    the fit stays.
+    the fit stays; and where several places are as good, as it would know one of them only.
     """
+    if delay_prior.is_in_several_places(fit):
+        return fit
     test = None if rounding_explains(fit) else disturbance_test(fit)
     if test is None or test.likelihood_ratio <= THRESHOLD:
         return fit

@@ -168,8 +168,13 @@ def finding(minimum: Minimum, prior: DelayPrior, covariance: Array) -> Finding:
         f"These data can't separate the delay from friction and the time constant. It is taken as {1e3 * value:.2g} "
         f"± {1e3 * half:.2g} ms, {why}, and the other intervals allow for that; sample a step from rest faster to "
         "measure it.",
-        parameters=("delay",),
+        parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )
+
+
+def is_in_several_places(fit: Fit) -> bool:
+    """Return whether a delay was taken from its prior because several places, each with a friction of its own, are as good."""
+    return any(each.code == CODE and "coulomb_voltage" in each.parameters for each in fit.findings)
 
 
 def _minima_at(

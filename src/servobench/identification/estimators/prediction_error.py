@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial, reduce
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +88,7 @@ class PredictionError:
         return self.fit_after(start)
 
     def fit_after(self, start: Fit) -> Fit:
-        """Return the fit that begins from another estimator's, with the lines of its budget."""
+        """Return the fit that begins from another estimator's."""
         structure, data = start.model.structure, tuple(record.data for record in start.records)
         theta = start.vector
         found = _profile(structure, data, theta)
@@ -106,7 +106,7 @@ class PredictionError:
             found = _profile(structure, data, theta, found)
         covariance = found.widen(covariance)
         records, disturbance = with_innovations(structure, data, theta, found.disturbance)
-        fit = replace(
+        return replace(
             start,
             model=replace(start.model, theta=theta[: len(covariance)]),
             covariance=covariance,
@@ -120,10 +120,8 @@ class PredictionError:
             ),
             records=records,
             findings=(*remarks(structure, data, minimum), _finding(found, data[0])),
-            budget=(),
+            budget=(),  # that of the other estimator is of its covariance
         )
-        # What another minimum may make of the parameters doesn't depend on how the noise is taken.
-        return reduce(Fit.widen, start.budget, fit)
 
 
 ESTIMATORS.member("prediction_error")(PredictionError())

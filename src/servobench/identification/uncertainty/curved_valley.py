@@ -3,7 +3,8 @@
 A single sine tells an amplitude and a phase, and so two of gain, time constant and delay. Far above its corner only K/τ shows,
 and the curvature there says that K/τ is known well whatever τ is. Nearer to the corner it is not: at ω τ = 1 the same amplitude
 needs a K/τ that is larger by √2, and the phase a longer delay. So τ is held at shorter values, and the others are searched for.
-Of places that explain the data as well but for chance (a likelihood ratio that 5 % of runs exceed) the farthest makes the line,
+Of places that explain the data as well but for chance (a likelihood ratio that 5 % of runs exceed: Wilks 1938) the farthest makes
+the line,
 
     C = δ δ' / 1.96²,   δ_i = θ_i ln(θ_i'/θ_i) for gain and time constant, θ_i' - θ_i for the others,
 
