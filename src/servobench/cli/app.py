@@ -1,4 +1,4 @@
-"""The commands, put together: each in the file of its name."""
+"""All commands as one application; each command is in the file of its name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be had: the members of a kind, each with its settings, their units and defaults, as its own model tells them."""
+"""Lists of the members of a kind, each with its settings, units and defaults, taken from its settings model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`servobench completion`: what makes a shell complete commands, options and names."""
+"""`servobench completion`: shell completion of commands, options and names."""
 
 from __future__ import annotations
 

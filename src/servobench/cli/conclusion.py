@@ -1,4 +1,4 @@
-"""From recordings to the answer: what `run` and `identify` do in the same way."""
+"""From recordings to the result: the steps that `run` and `identify` share."""
 
 from __future__ import annotations
 

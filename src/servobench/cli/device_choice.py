@@ -1,4 +1,4 @@
-"""What --device says: a device's name, its address behind a colon where it has one, and settings."""
+"""The value of --device: a device's name, an address behind a colon if it has one, and settings."""
 
 from __future__ import annotations
 

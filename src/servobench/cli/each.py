@@ -1,4 +1,4 @@
-"""`servobench identify --each`: many files, each by itself; one that can't be used doesn't stop the others."""
+"""`servobench identify --each`: many files, each by itself; a file that can't be used doesn't stop the others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`servobench export`: an identified motor in the form that another program takes."""
+"""`servobench export`: an identified motor in another program's format."""
 
 from __future__ import annotations
 

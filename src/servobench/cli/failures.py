@@ -1,4 +1,4 @@
-"""How a command ends: what went wrong as a sentence, and the exit status that says whose fault it was."""
+"""How a failing command ends: an error message, and the exit status for its kind of error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`servobench faults`: what can be made to go wrong on purpose."""
+"""`servobench faults`: the faults that can be injected on purpose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`servobench identify`: recordings that somebody already has."""
+"""`servobench identify`: fit a model to existing recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How words and figures are laid out for a terminal or a text file: no line ends with blanks, no name is broken apart."""
+"""Layout of text and tables for a terminal or a text file: no trailing blanks, no broken names."""
 
 from __future__ import annotations
 

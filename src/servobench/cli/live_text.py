@@ -1,4 +1,4 @@
-"""What a watched stream tells while it runs: a short block on a terminal that is kept up to date, or a line every few seconds."""
+"""Live output of a watched stream: a block that is updated on a terminal, or a line every few seconds elsewhere."""
 
 from __future__ import annotations
 

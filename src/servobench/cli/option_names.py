@@ -1,4 +1,4 @@
-"""How the command line says what a message below it calls by Python's keyword: `sample_time=0.02` is `--sample-time 0.02`."""
+"""Translation of Python keywords in messages to options: `sample_time=0.02` is `--sample-time 0.02`."""
 
 from __future__ import annotations
 

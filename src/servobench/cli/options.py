@@ -1,4 +1,4 @@
-"""Options that several commands have: how to read a recording, and the like. Each has one name, one meaning and one text."""
+"""Options that several commands share, such as how to read a recording. Each has one name, one meaning and one help text."""
 
 from __future__ import annotations
 

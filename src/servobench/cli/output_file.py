@@ -1,4 +1,4 @@
-"""The files that a command writes to: what is there already is replaced when that is asked for, and never in silence."""
+"""The files that a command writes: an existing file is replaced only if the user asks for it."""
 
 from __future__ import annotations
 

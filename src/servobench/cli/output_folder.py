@@ -1,4 +1,4 @@
-"""The folder that a command writes to: an empty one, or a new one that no other command gets."""
+"""The folder that a command writes to: an empty one, or a new one of its own."""
 
 from __future__ import annotations
 

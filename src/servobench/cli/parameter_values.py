@@ -1,4 +1,4 @@
-"""What somebody states of a motor on the command line: `resistance=8.4`, `resistance=8.4±0.4 Ω`."""
+"""Motor parameters given on the command line: `resistance=8.4`, `resistance=8.4±0.4 Ω`."""
 
 from __future__ import annotations
 

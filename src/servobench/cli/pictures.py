@@ -1,4 +1,4 @@
-"""Pictures out of characters: a line over time, and a histogram in a line, for a terminal or a text file."""
+"""Plots made of characters: a line over time, and a one-line histogram."""
 
 from __future__ import annotations
 

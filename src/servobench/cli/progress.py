@@ -1,4 +1,4 @@
-"""What a command says while it works: how far it is, and that kernels are compiled."""
+"""Progress messages: how far a command is, and that kernels are being compiled."""
 
 from __future__ import annotations
 

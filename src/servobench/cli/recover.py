@@ -1,4 +1,4 @@
-"""`servobench recover`: what can be read of a recording that was cut short, alone or in the folder of its run."""
+"""`servobench recover`: recover what is readable of a recording that was cut short, alone or in the folder of its run."""
 
 from __future__ import annotations
 

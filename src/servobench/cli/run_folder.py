@@ -1,4 +1,4 @@
-"""The folder of a run: what is in it, and which folder may be used for one."""
+"""The folder of a run: its files, and which folders may be used for one."""
 
 from __future__ import annotations
 

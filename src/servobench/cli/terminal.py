@@ -1,4 +1,4 @@
-"""Where the words of a command go: standard output and standard error, as text that any terminal or file can hold."""
+"""Standard output and standard error, as text that any terminal or file can show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`servobench watch`: a motor that others drive, identified while it runs."""
+"""`servobench watch`: identify a motor that another program drives, while it runs."""
 
 from __future__ import annotations
 

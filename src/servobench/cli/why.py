@@ -1,4 +1,4 @@
-"""`servobench why`: somebody's figure, or a data sheet, against what a recording says."""
+"""`servobench why`: compare a claimed figure, or a data sheet, with a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a command has written, as plain data of the schema `servobench.written/1`."""
+"""The files that a command wrote, as plain data of the schema `servobench.written/1`."""
 
 from __future__ import annotations
 

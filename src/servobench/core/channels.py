@@ -1,4 +1,4 @@
-"""What a device measures: channels, one latch of them (a sample), and the device's description of itself."""
+"""What a device measures: channels, one reading of all of them (a sample), and the device's own description."""
 
 from __future__ import annotations
 

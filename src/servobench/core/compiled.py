@@ -1,4 +1,4 @@
-"""The typed face of Numba: how the kernels of this package are compiled."""
+"""A typed wrapper of Numba: how the kernels of this package are compiled."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The codes of findings: what each means, whether it names a cause, and what to do about it.
 
-`docs/reference/findings.md` is written from this table. A plug-in's doubt brings codes of its own, which aren't here.
+`docs/reference/findings.md` is written from this table. Codes of plug-ins aren't in it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Single numbers: the check that one is above zero, and the shortest text of one."""
+"""Single numbers: a check that one is above zero, and its shortest text."""
 
 from __future__ import annotations
 

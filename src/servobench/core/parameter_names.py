@@ -1,4 +1,4 @@
-"""The names of parameters: for programs, for people, as a symbol; what each means, where its model doesn't say."""
+"""The names of parameters for programs and for people, their symbols, and their meaning if the model doesn't give it."""
 
 from __future__ import annotations
 

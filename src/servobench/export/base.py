@@ -1,4 +1,4 @@
-"""The kind `export`: a target is a form in which another program takes an identified motor; and the verb `export`."""
+"""The kind `export`: a target is a format of an identified motor for another program; and the verb `export`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Python file that makes the motor a system of python-control."""
+"""A Python file that defines the motor as a python-control system."""
 
 from __future__ import annotations
 

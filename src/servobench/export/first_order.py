@@ -1,4 +1,4 @@
-"""The first-order motor in an answer."""
+"""The first-order motor in a result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What robot code takes: the feedforward constants of an identified mechanism and feedback gains, in the user's unit.
+"""Constants for robot code: feedforward constants of an identified mechanism and feedback gains, in the user's unit.
 
 u = kS sgn(v) + kG + kCos cos(θ - φ) + kV v + kA dv/dt, with kV = 1/K and kA = τ/K, which follows from the first-order motor
 solved for its input. kG is a load that doesn't change (an elevator's weight), kCos that of an arm, at its largest where θ = φ.

@@ -1,4 +1,4 @@
-"""Whether a page sees the motor: by what its own drawing says, which no browser says for it as it answers pings.
+"""Whether a page shows the motor, judged by its own drawing; a browser answers pings even for a page that is frozen.
 
 A page that is frozen, hidden, stopped or hangs draws nothing, and one that is too slow draws what is long past; the browser
 answers pings for all of them.

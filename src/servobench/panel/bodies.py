@@ -1,4 +1,4 @@
-"""What comes with a request, up to a limit, and what is said in it."""
+"""The body of a request, read up to a limit and parsed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording while it is made."""
+"""A recording in progress."""
 
 from __future__ import annotations
 

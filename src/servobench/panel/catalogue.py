@@ -1,4 +1,4 @@
-"""What can be chosen on the page: signals, controllers and devices, each with its settings, as their own models tell them."""
+"""The choices on the page: signals, controllers and devices, each with the settings of its model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which column of an imported file is what: what a person is asked, and their answers, kept as the recording's mapping."""
+"""The roles of an imported file's columns: questions to the user, and the answers, kept as the recording's mapping."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pages ask for, as values: commands, and experiments as the panel runs them."""
+"""Requests from pages as values: commands, and experiments as the panel runs them."""
 
 from __future__ import annotations
 

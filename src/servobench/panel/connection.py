@@ -1,4 +1,4 @@
-"""The device that is open: its loop, the thread that reads it, and what identifies the motor meanwhile."""
+"""The open device: its loop, the thread that reads it, and the live identification."""
 
 from __future__ import annotations
 

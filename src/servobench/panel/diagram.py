@@ -1,4 +1,4 @@
-"""The block diagram of an experiment: made from experiment, device and chain themselves, so that it is always true."""
+"""The block diagram of an experiment: drawn from the experiment, the device and the chain."""
 
 from __future__ import annotations
 

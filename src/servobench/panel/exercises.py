@@ -1,6 +1,6 @@
 """The exercises beside the scopes: what the routes `/api/exercises...` answer.
 
-Whoever serves these has let the request in already; they know nothing of sessions. The exercises are those that come along, or
+Requests are authorised before they get here; nothing here knows of sessions. The exercises are those that come along, or
 those in the folder that the application's state names as `exercises`.
 """
 

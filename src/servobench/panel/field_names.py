@@ -1,4 +1,4 @@
-"""How the panel says what a message below it calls by Python's keyword: `sample_time=0.02` is the field “sample time”."""
+"""Translation of Python keywords in messages to the panel's fields: `sample_time=0.02` is the field “sample time”."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When everybody looks: thirty moments a second that all processes of a machine agree on, by the clock that they share."""
+"""The times of frames: thirty a second, the same for all processes of a machine, by the clock that they share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What scopes show: rows of the loop through the measurement's own stages, and their frame as bytes."""
+"""Data for the scopes: rows of the loop through the measurement's stages, and their frame as bytes."""
 
 from __future__ import annotations
 

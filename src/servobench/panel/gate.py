@@ -1,4 +1,4 @@
-"""Who is let in, and with what: each request is asked where it comes from before anything of ours sees it.
+"""Access control: the origin and the token of each request are checked before anything else sees it.
 
 Any page that a browser has open can send requests to a port of the same machine, with our cookie where it is on another port of
 it, and a name that it owns can be made to mean this machine. So the name that was asked for (Host), the page that asks (Origin,

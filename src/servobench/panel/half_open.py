@@ -1,4 +1,4 @@
-"""Connections that ask for nothing: only so many of them are kept, so that they can't take the place of those that ask."""
+"""Idle connections: their number is limited, so they can't block others."""
 
 from __future__ import annotations
 

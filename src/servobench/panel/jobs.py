@@ -1,4 +1,4 @@
-"""Identifications while they are made: how far they are, how long they will take, and how they are ended before that."""
+"""Identifications in progress: how far they are, how long they will take, and how they are cancelled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What scopes show of a block of rows, in one go: a block is small, and comes when no processor remembers how it's done."""
+"""Scope data of a block of rows in one compiled pass: blocks are small, and caches are cold when one arrives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may come in: the keys that a panel hands out, and the sessions that they open."""
+"""The access keys of a panel, and the sessions that they open."""
 
 from __future__ import annotations
 

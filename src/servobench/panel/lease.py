@@ -1,4 +1,4 @@
-"""Who drives: one operator at a time, all others look on."""
+"""The operator's lease: one page drives at a time, all others watch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a panel left that was killed while it recorded: made whole, and told of as any other recording."""
+"""Recordings of a panel that was killed while recording: they are recovered and listed as any other."""
 
 from __future__ import annotations
 

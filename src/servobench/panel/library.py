@@ -1,4 +1,4 @@
-"""The folder of recordings: a folder for each, with what was recorded, what was found, and what somebody noted."""
+"""The folder of recordings: a folder for each, with data, result and notes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Live identification: the rows of a running loop in, what is known of the motor out, five times in a second."""
+"""Live identification: rows of a running loop in, parameters with intervals out, five times a second."""
 
 from __future__ import annotations
 

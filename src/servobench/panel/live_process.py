@@ -1,4 +1,4 @@
-"""Live identification in a process of its own: it reads the loop's ring itself, and neither loop nor server waits for it.
+"""Live identification in a process of its own: it reads the loop's ring itself, so neither the loop nor the server waits for it.
 
 `python -m` this module. It gets one line of JSON on standard input (`LiveSpec`), and the end of its input is its end. Just before
 each moment of the panel's beat it looks at the rows that have come, and publishes what became of them in a ring of its own, where

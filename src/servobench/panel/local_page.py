@@ -1,4 +1,4 @@
-"""A page in the file system that opens the panel in this machine's browser, so that no address has the key.
+"""A page in the file system that opens the panel in this machine's browser, so that the key isn't in an address.
 
 What stands in an address stays in the browser's history, and the command that opens a browser can be read by everybody on the
 machine. The page's form has the key and sends itself; only its owner can read it.

@@ -1,4 +1,4 @@
-"""How things stand by the loop's own word: what is in force, what is wrong, and what was late."""
+"""The status of the loop as it reports it: what is active, what is wrong, and what was late."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes that work beside the loop: on one processor, after all others, so that neither the loop nor a page waits for them."""
+"""Background processes: on one processor and at the lowest priority, so that neither the loop nor a page waits for them."""
 
 from __future__ import annotations
 

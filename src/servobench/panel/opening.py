@@ -1,4 +1,4 @@
-"""A device while it is opened, which takes seconds, and the first time up to minutes, as kernels are compiled."""
+"""A device that is being opened, which takes seconds, or minutes the first time, when kernels are compiled."""
 
 from __future__ import annotations
 

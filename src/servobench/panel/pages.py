@@ -1,4 +1,4 @@
-"""What is answered to a page that is loaded, beside its recordings."""
+"""The routes of the page itself: everything but recordings and exercises."""
 
 from __future__ import annotations
 

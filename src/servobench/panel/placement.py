@@ -1,4 +1,4 @@
-"""Where the blocks and wires of a diagram stand, in the units of the drawing, one of which is a CSS pixel.
+"""The places of the blocks and wires of a diagram, in CSS pixels.
 
 Above, from left to right, what drives: signal, controller, limits, and the device in its frame. Below, from left to right
 again, what is seen: recorder, counts to angle, the stages, the scope, and the identification under it. Samples go from one to

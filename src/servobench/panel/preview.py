@@ -1,4 +1,4 @@
-"""A signal as the loop would put it out, before it does."""
+"""A preview of a signal as the loop would output it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The thread that carries what the loop says to the panel: thirty times a second, and the page's server never waits for it."""
+"""The thread that carries messages from the loop to the panel thirty times a second, so that the server never waits for them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is answered about recordings."""
+"""The routes of recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording that was made before, as scopes show it."""
+"""An earlier recording, as scopes show it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of all routes, each with what it asks for. The server is made from it, so that there is no other way in."""
+"""The table of all routes, each with the access that it needs. The server is made from this table alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The server: the app that the table of routes makes, and how it is run."""
+"""The server: the application made from the table of routes, and how it is run."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """The motor as the pages see it: one loop, one operator, everybody's STOP, and what is recorded meanwhile.
 
-All of it happens in the server's thread, between two of its waits, and none of it waits itself: what takes time is done by
-threads and processes, and reported back here.
+Everything here runs in the server's thread and never blocks: slow work is done by other threads and processes, which report back.
 """
 
 from __future__ import annotations

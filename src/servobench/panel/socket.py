@@ -1,4 +1,4 @@
-"""The socket of a page: what it may ask for, and what it is sent."""
+"""The web socket of a page: its requests, and the messages to it."""
 
 from __future__ import annotations
 

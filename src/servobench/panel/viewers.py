@@ -1,4 +1,4 @@
-"""One open page: what is to be sent to it, as fast as it takes it."""
+"""One open page: the messages that wait for it, sent as fast as it reads them."""
 
 from __future__ import annotations
 

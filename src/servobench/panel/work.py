@@ -1,4 +1,4 @@
-"""Work on recordings, which takes seconds, in a process of its own with a lower priority: neither loop nor page waits for it."""
+"""Work on recordings, which takes seconds, in a process of its own at low priority: neither loop nor page waits for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The noun `Report`: a result to read, in one file."""
+"""The noun `Report`: a result in one HTML file."""
 
 from __future__ import annotations
 

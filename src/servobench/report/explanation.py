@@ -1,4 +1,4 @@
-"""The noun `ExplanationReport`: why figures differ, for people to read, in one page."""
+"""The noun `ExplanationReport`: why figures differ, on one page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of an explanation: what methods read beside the claim, and what each cause explains."""
+"""The figures of an explanation: the methods' readings beside the claim, and what each cause explains."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Figures: from values to Matplotlib figures, which a report, an export or a panel can use.
 
-Nothing here knows of recordings and results, and nothing touches Matplotlib's global state.
+Nothing here depends on recordings or results, or changes Matplotlib's global state.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The figures of data and residuals, each with a caption and a description in words for those who can't see it."""
+"""The figures of data and residuals, each with a caption and a text description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The noun `InspectionReport`: what is in a file and what it can support, for people to read, in one page."""
+"""The noun `InspectionReport`: what is in a file and what it can support, on one page."""
 
 from __future__ import annotations
 

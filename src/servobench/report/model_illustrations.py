@@ -1,4 +1,4 @@
-"""The figures of a model's answers: frequency response, step response and poles, in a picture and in words."""
+"""The figures of a model: frequency response, step response and poles, each with a text description."""
 
 from __future__ import annotations
 

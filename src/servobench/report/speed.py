@@ -1,4 +1,4 @@
-"""A speed for plots: the difference of a position over a time long enough to be readable."""
+"""A speed for plots: differences of a position over intervals long enough to be readable."""
 
 from __future__ import annotations
 

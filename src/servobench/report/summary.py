@@ -1,4 +1,4 @@
-"""The sentences at the head of a report: what it is about, the answer, and how far to trust it."""
+"""The sentences at the top of a report: its subject, the result, and how far to trust it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inline SVG out of Matplotlib figures: text stays text, colours follow the page, and the same figure gives the same bytes."""
+"""Inline SVG from Matplotlib figures: text stays text, colours follow the page, and equal figures give equal bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of a result, as plain texts, ready to be set."""
+"""The tables of a result, as plain text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`servobench lab do`: an exercise done and shown, its answers checked."""
+"""`servobench lab do`: do an exercise, show it, and check answers."""
 
 from __future__ import annotations
 

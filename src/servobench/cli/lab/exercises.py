@@ -1,4 +1,4 @@
-"""The exercise that a command names, and the motor that it is done on."""
+"""The exercise that a command names, and the motor for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands of `servobench lab`, put together, and what to type in place of a form that is gone."""
+"""The commands of `servobench lab`, as one group, and hints for forms that no longer exist."""
 
 from __future__ import annotations
 

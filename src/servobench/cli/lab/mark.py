@@ -1,4 +1,4 @@
-"""`servobench lab mark`: marks for what a class hands back."""
+"""`servobench lab mark`: marks for the forms that a class hands in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands of `servobench lab` have, each said in the same words."""
+"""Arguments and options that several commands of `servobench lab` share."""
 
 from __future__ import annotations
 
