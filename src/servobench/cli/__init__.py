@@ -23,9 +23,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line with these arguments, those of the process where there are none, and return the exit status."""
     if arguments is not None:
         return _run(list(arguments))
-    # This process is a command and nothing else, so what follows is in nobody's way; decision 0049 has the figures.
+    # This process runs a single command, so these settings disturb no other code; decision 0049 has the figures.
     # The matrices of a fit are narrow: several threads wait for each other longer than they compute. It has to be said before
-    # NumPy is imported, and whoever says otherwise is listened to.
+    # NumPy is imported; a value that the user has set is kept.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("VECLIB_MAXIMUM_THREADS", "1")
     # Garbage is looked for less often while a thousand modules are imported, which make none, and not at all at the end, when
@@ -76,7 +76,7 @@ def _help_text(page: str) -> str | None:
 
 
 def _print_text(text: str) -> bool:
-    """Print a text; return False where nobody reads the output any more, which is then said as for any other command."""
+    """Print a text; return False if the reader of the output has gone, which is reported as for any other command."""
     try:
         sys.stdout.write(text)
         sys.stdout.flush()

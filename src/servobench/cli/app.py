@@ -110,7 +110,7 @@ def run_app(words: Sequence[str]) -> int:
     """Run the command that the words of a command line ask for, and return the exit status."""
     spell_what_cannot_be_encoded()
     sweep()
-    # What it says of a folder that it can't write to is no matter of whoever wants a report.
+    # Its warning about a folder that it can't write to doesn't concern a user who wants a report.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     words, debug = _without_debug(words)
     try:
@@ -141,7 +141,7 @@ def _interrupt_behind(end: SystemExit) -> KeyboardInterrupt | None:
 
 
 def _status(end: SystemExit) -> int:
-    """The exit status that typer ends with; its 1 means that nobody reads the output any more."""
+    """The exit status that typer ends with; its 1 means that the reader of the output has gone."""
     if end.code == OUR_FAULT:
         return CANNOT_WRITE
     return end.code if isinstance(end.code, int) else DONE

@@ -45,7 +45,7 @@ def report_failure(error: BaseException, *, debug: bool = False) -> int:
     goes to a file; with `debug` the traceback is shown, whoever's fault it was.
     """
     status, sentence = _status_and_sentence(error)
-    with suppress(OSError):  # where nobody reads the messages, the status still says it
+    with suppress(OSError):  # if nothing reads the messages, the exit status still reports it
         if debug:
             messages().out("".join(traceback.format_exception(error)), highlight=False)
         if status == OUR_FAULT:

@@ -102,9 +102,9 @@ class Progress:
             messages().print(Text(one_line(sentence), style="dim"), soft_wrap=True)
 
     def alarm(self, sentence: str) -> None:
-        """Print at once what somebody beside the motor has to know; what was being done isn't told as going on any more."""
+        """Print at once what a person beside the motor has to know; the current step is no longer shown as running."""
         self.begin("")
-        with self._writing, suppress(OSError):  # where nobody reads it the run is still to be ended
+        with self._writing, suppress(OSError):  # the run has to end even if nothing reads the message
             if is_terminal(self._stream):
                 self._put("")
             messages().print(Text(printable(sentence), style="bold red"), soft_wrap=True)

@@ -127,7 +127,7 @@ def _weightiest(groups: Sequence[tuple[Finding, ...]], most: int) -> Sequence[tu
 
 
 def show_dangers(console: Console, findings: Iterable[Finding]) -> None:
-    """Print what somebody beside the motor has to act on; it comes before anything else."""
+    """Print first what a person beside the motor has to act on."""
     for finding in findings:
         if finding.severity is Severity.DANGER:
             console.print(Text(printable(finding.sentence), style="bold red"), soft_wrap=True)

@@ -152,7 +152,7 @@ def experiment_asked_for(
 
 
 def device_asked_for(asked: Experiment, file: Path | None) -> Device:
-    """The device that is asked for, not yet connected; mistakes in its settings are told with their lines in the file."""
+    """The requested device, not yet connected; mistakes in its settings are reported with their lines in the file."""
     from pydantic import ValidationError
 
     from servobench.core.errors import UnknownName, UsageError
@@ -254,14 +254,14 @@ def _drive(
 
 
 def warn_of_danger(recording: Recording, progress: Progress) -> None:
-    """Say what somebody has to act on before anything is saved or identified; a loop of its own has said it already."""
+    """Report what a person has to act on before anything is saved or identified; a separate loop has reported it already."""
     if recording.info is not None and recording.info.timing == "virtual":
         for sentence in dangers(recording):
             progress.alarm(sentence)
 
 
 def dangers(recording: Recording) -> tuple[str, ...]:
-    """Return what a run found that somebody has to act on: the motor may still be driven."""
+    """Return the findings of a run that a person has to act on, as the motor may still be driven."""
     from servobench.core.finding import Severity
 
     return tuple(each.sentence for each in recording.findings if each.severity is Severity.DANGER)

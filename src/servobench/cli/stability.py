@@ -163,7 +163,7 @@ def _result_and_records(
     with Progress() as progress:
         evidence = evidence_of(load_all([path], progress), reading)
     records = [each.dataset(starts_at_rest) for each in evidence]
-    _gain(kp, _gain_unit(records[0]))  # a mistake in it is told before any work is done
+    _gain(kp, _gain_unit(records[0]))  # a mistake in it is reported before any work is done
     told = []
     for data in records:
         found = bibo(data)

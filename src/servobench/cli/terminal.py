@@ -27,7 +27,7 @@ _BLANKS = "\n\u00a0\u2009\u202f"  # the line's end and the narrow or unbroken bl
 
 
 class OutputGone(StorageError):
-    """Nobody reads the output any more, as after `| head`; there is nothing to be said, and nobody to say it to."""
+    """The reader of the output has gone, as after `| head`, so nothing more is printed."""
 
 
 class _Words(Console):
@@ -88,7 +88,7 @@ def spell_what_cannot_be_encoded() -> None:
 
 
 def is_terminal(stream: TextIO | None) -> bool:
-    """Return whether somebody looks at the stream while it is written."""
+    """Return whether a stream is a terminal that a person watches."""
     return stream is not None and not stream.closed and stream.isatty()
 
 

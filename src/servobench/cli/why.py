@@ -71,7 +71,7 @@ def why(
     check_names("auto", "auto", nominal)
     check_method(method)
     for text in claimed or ():
-        Claim.parse(text)  # a mistake in it is told before any work is done
+        Claim.parse(text)  # a mistake in it is reported before any work is done
     _check_has_something(claimed, nominal)
     check_free(report, "--report", [*files, reading.mapping], overwrite)
     with Progress() as progress:

@@ -87,7 +87,7 @@ class DeviceInfo:
         return next((channel for channel in self.channels if channel.name == name), None)
 
     def with_limit(self, voltage: float) -> Self:
-        """Return the same device with its voltage limited to ±`voltage` [V] as well: what a controller is told."""
+        """Return the same device with its voltage also limited to ±`voltage` [V], which is what a controller gets to know."""
         channels = tuple(
             replace(
                 channel,

@@ -33,7 +33,7 @@ class _Cache(FunctionCache):
     """Numba's cache of one function, which may fail: no result depends on it."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what was kept, None where there is nothing or it can't be read; a damaged index is begun anew."""
+        """Return what was kept, None if there is nothing or it can't be read; a damaged index is replaced."""
         try:
             # Numba would load here all that compiling may need, a quarter of a second's work; a compiler loads it by itself, and
             # code that is there needs only what it calls: memory for arrays.
@@ -84,7 +84,7 @@ class _Announcement:
 
 
 def _announce() -> None:
-    """Tell whoever called from Python that this call takes long, and that the next ones won't."""
+    """Tell a Python caller that this call takes long, and that the next ones won't."""
     if code_is_kept() and not _Announcement.given and not _Announcement.elsewhere:
         _Announcement.given = True
         logging.getLogger("servobench").warning("compiling the numeric kernels; this is done once and kept")

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class Severity(StrEnum):
-    """How much a finding weighs: `info` is told, `warning` makes a result doubtful, `refusal` refuses it.
+    """How much a finding weighs: `info` changes nothing, `warning` makes a result doubtful, `refusal` refuses it.
 
     `danger` weighs most: the motor may still be driven, and somebody has to act. It makes a result doubtful.
     """
@@ -37,7 +37,7 @@ class Finding:
 
     code: str
     severity: Severity
-    """`info` tells, `warning` makes a result doubtful, `refusal` refuses it; `danger`: somebody has to act."""
+    """`info` informs, `warning` makes a result doubtful, `refusal` refuses it; `danger`: somebody has to act."""
     sentence: str
     parameters: tuple[str, ...] = ()
     rows: tuple[int, int] | None = None
@@ -46,7 +46,7 @@ class Finding:
 def info(
     code: str, sentence: str, *, parameters: tuple[str, ...] = (), rows: tuple[int, int] | None = None
 ) -> Finding:
-    """Return a finding that is told and changes nothing."""
+    """Return a finding that changes nothing."""
     return Finding(code=code, severity=Severity.INFO, sentence=sentence, parameters=parameters, rows=rows)
 
 

@@ -26,7 +26,7 @@ from servobench.systems.first_order import FirstOrderMotor, inverse, ratio
 TARGETS_OF_ROBOTS = ("cpp", "java", "python", "wpilib")
 WISHES = frozenset({"unit", "wheel_diameter", "sample_time", "measurement_delay", "closed_loop"})
 PERIOD = 0.02
-"""The period of a robot's loop [s] where nobody says another."""
+"""The default period of a robot's loop [s]."""
 _LEAST_LOAD = 0.05  # V; a smaller offset is that of an amplifier, and no weight
 _SHARP = 0.1  # of kA: half of an interval that asks for no more tests
 _COUNT = 2 * math.pi / 4096  # rad; an encoder as robots have them, which only puts tests in an order

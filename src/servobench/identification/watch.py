@@ -33,7 +33,7 @@ from servobench.recordings.streams.base import Rows
 from servobench.recordings.streams.intake import Intake, Part
 
 KNOWN = {"gain": 0.02, "time_constant": 0.05}
-"""The half-widths over the values that are enough where nobody wishes for others."""
+"""The default half-widths over the values that are enough."""
 
 _COUNTERS = (16, 32)  # bits of the counters whose wraps are recognised
 _RANGES = tuple(2.0**bits for bits in _COUNTERS)
@@ -354,14 +354,14 @@ def _role(recording: Recording, role: str) -> Series:
 
 
 def _factor(output: Series) -> float:
-    """What an output is multiplied by to be in rad or m; counts whose turn nobody knows stay counts."""
+    """What an output is multiplied by to be in rad or m; counts per turn unknown: they stay counts."""
     if output.channel.counts_per_rev and unit(output.channel.unit or "").si == "counts":
         return 2 * np.pi / output.channel.counts_per_rev
     return unit(output.channel.unit or "").factor
 
 
 def _step(output: Series, factor: float) -> float | None:
-    """The encoder's step [rad], where it is known; counts whose turn nobody knows have steps of one."""
+    """The encoder's step [rad], where it is known; counts of an unknown turn have steps of one."""
     channel = output.channel
     if unit(channel.unit or "").si == "counts":
         return _factor(output)
@@ -379,7 +379,7 @@ def _share(found: Table[str, Any]) -> str:
 
 
 def stop_text(reason: str) -> Stopped:
-    """Return why watching ended: `end` of the stream, `known` enough, `time` over, or `interrupted` by whoever watches."""
+    """Return why watching ended: `end` of the stream, `known` enough, `time` over, or `interrupted` by the user."""
     sentences: dict[str, tuple[StopReason, str]] = {
         "end": ("finished", "the stream ended"),
         "known": ("finished", "stopped when enough was known"),

@@ -18,7 +18,7 @@ _FORMULA, _SHOWN = "formula", "formula_shown"
 _ALONE = "dollar signs that begin no formula"
 _LINE = "\n"
 _BEGUN = re.compile(r"[^\W\d_]|[\\(√]")
-_LONGEST_BEGUN = 20  # characters of a formula without an end that are told
+_LONGEST_BEGUN = 20  # characters of an unterminated formula that are quoted
 _BEFORE_MARK = re.compile(r"(<math (?:(?!</?math\b).)*</math>[,.;:?!)]+)")
 
 

@@ -81,7 +81,7 @@ class MotorStand:
                     raise NotIdentifiable(f"the study {name!r}: {error}") from error
                 except UsageError as error:
                     if str(error).startswith(f"{self.exercise.source}:"):
-                        raise  # the study that it comes from is told already
+                        raise  # the study that it comes from is named already
                     raise UsageError(f"{place}: the study {name!r}: {error}") from error
                 finally:
                     self._under_way.pop()

@@ -54,7 +54,7 @@ class Attention:
         return time.monotonic() - self._heard < SILENCE
 
     def reason_unseen(self, rows: Rows) -> str:
-        """Return why nobody sees the motor as it is now on this page, as a sentence; empty where somebody may."""
+        """Return why this page doesn't show the motor as it is now, as a sentence; empty if it may."""
         if not self.there:
             return SILENT
         undrawn = rows.came(self._drawn)

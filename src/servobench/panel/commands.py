@@ -15,7 +15,7 @@ from servobench.rig.experiment import DeviceChoice, Experiment
 from servobench.rig.loop.messages import Command
 
 ASSIGNED = "assigned"
-"""The device that is somebody's own in an assessment: a panel that has it keeps it."""
+"""A student's own device in an assessment: a panel that has it keeps it."""
 SIMULATED = ("twin", ASSIGNED)
 
 _SINGULAR = {"parts": "Part", "segments": "Segment", "levels": "Level", "entries": "Entry"}
@@ -24,7 +24,7 @@ _EXPECTED = {
     "tuple_type": "an array",
     **dict.fromkeys(("dict_type", "mapping_type", "model_type", "model_attributes_type"), "a table"),
 }
-"""What has to be there, by the kind of a mistake, in the words that files of experiments are told of it in."""
+"""What was expected, by the kind of a mistake, in the words used for files of experiments."""
 
 
 def command_from(given: Mapping[str, Any]) -> Command:

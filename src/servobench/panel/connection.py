@@ -32,7 +32,7 @@ class LoopContext(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What somebody beside the motor has to know, in the order in which it became known."""
+        """What a person beside the motor has to know, in the order in which it became known."""
         ...
 
     @property
@@ -85,7 +85,7 @@ class Connection:
 
     @property
     def watched(self) -> bool:
-        """Whether somebody reads the loop; until that begins the device is still being opened, and at zero volts."""
+        """Whether the loop is being read; before that the device is still being opened, and at zero volts."""
         return self.pump is None or self.pump.is_alive()
 
     async def unfollow(self) -> None:

@@ -100,7 +100,7 @@ class _Facts(Mapping[str, Fact]):
         self._asked: set[str] = set()
 
     def lacks(self, names: Iterable[str]) -> list[str] | None:
-        """Return which of some names nobody has asked for yet; None where there is nothing to ask, as all were."""
+        """Return which of some names haven't been asked for yet; None if all have."""
         missing = sorted(set(names) - self._asked)
         return missing if missing or not self._known else None
 
@@ -126,7 +126,7 @@ class _Facts(Mapping[str, Fact]):
 
 
 async def _facts_for(found: Exercise, answers: Mapping[str, str], folder: Path, work: Work) -> _Facts:
-    """The facts that some answers are held against; those that nobody has asked for yet are found elsewhere."""
+    """The facts that some answers are checked against; those not yet asked for are found elsewhere."""
     facts = _facts.setdefault(found, _Facts())
     rules = [
         rule

@@ -145,7 +145,7 @@ class Scope:
             self._speed_of(np.concatenate([each for _, each in self._seen]), np.diff(t, prepend=t[0]))
 
     def _speed_of(self, position: Array, dt: Array) -> Array:
-        """The speed; where a filter by forward Euler diverges over a gap there is none, and it starts anew after it."""
+        """The speed; none where a filter by forward Euler diverges over a gap, after which it starts again."""
         try:
             return self._speed(position, dt)
         except UsageError:

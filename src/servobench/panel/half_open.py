@@ -18,7 +18,7 @@ def protocol() -> type[asyncio.Protocol]:
     waiting: deque[Any] = deque()
 
     class FirstRequest(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
-        """Waits for a first request, but not for ever, nor with too many others."""
+        """Waits for a first request, for a limited time and with a limited number of others."""
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)

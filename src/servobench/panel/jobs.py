@@ -18,7 +18,7 @@ Tell = Callable[[Mapping[str, Any]], None]
 
 
 class JobEnded(UsageError):
-    """What was asked for was ended by somebody before it was done; or it goes on already."""
+    """The job was cancelled before it was done, or is running already."""
 
 
 @dataclass
@@ -62,7 +62,7 @@ class Jobs:
     async def identify(
         self, work: Work, tell: Tell, name: str, asked: Mapping[str, Any], samples: int
     ) -> dict[str, Any]:
-        """Return what the work brings; raises what it raises, and `JobEnded` where somebody ended it, or it goes on already."""
+        """Return the result of the work; raises what it raises, and `JobEnded` if it was cancelled or is running already."""
         if name in self._going:
             raise JobEnded(f"{name} is already being identified: wait, or end it")
         job = self._going[name] = _Job(name, samples)

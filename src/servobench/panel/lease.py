@@ -7,7 +7,7 @@ from servobench.panel.viewers import Viewer
 
 
 class Refusal(UsageError):
-    """What somebody asked for can't be done now, or not by them; the message says why."""
+    """The request can't be carried out now, or not for this page; the message says why."""
 
 
 class Lease:
@@ -18,7 +18,7 @@ class Lease:
 
     @property
     def taken(self) -> bool:
-        """Whether somebody drives, on a page that lives: one that is hidden or hangs keeps nobody else from it."""
+        """Whether a live page drives: one that is hidden or hangs doesn't keep others from driving."""
         return self.operator is not None and self.operator.attention.there
 
     def take(self, viewer: Viewer) -> None:
@@ -36,5 +36,5 @@ class Lease:
             raise Refusal("this page doesn't drive the motor: take control first")
 
     def end(self) -> None:
-        """From now on nobody is the operator."""
+        """End the lease: there is no operator any more."""
         self.operator = None

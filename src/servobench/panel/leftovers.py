@@ -15,7 +15,7 @@ from servobench.rig.experiment import read_experiment
 
 
 def complete_leftovers(library: Library, being_made: str | None) -> None:
-    """Complete all recordings that nobody makes any more; `being_made` is the name of the one that this panel makes.
+    """Complete all recordings that no process writes any more; `being_made` is the name of the one that this panel writes.
 
     A part that a recorder still writes is left to it, and one that can't be read to `servobench recover`, which says why.
     Raises `StorageError` where nothing can be written.
@@ -47,7 +47,7 @@ def _start_time(folder: Path) -> str:
 
 
 def _signal(folder: Path) -> str:
-    """The kind of the signal that was asked for; empty where nobody says."""
+    """The kind of the signal; empty if unknown."""
     try:
         text = (folder / EXPERIMENT).read_text(encoding="utf-8")
         return str(read_experiment(text, EXPERIMENT).model_dump()["signal"]["type"])

@@ -47,7 +47,7 @@ class About:
     notes: str = ""
     verdict: str = ""
     columns: str = ""
-    """Of an imported file: "open" where somebody has to say what its columns are, "said" or "known" where that is known."""
+    """Of an imported file: "open" where the user has to say what its columns are, "said" or "known" where that is known."""
     warnings: tuple[str, ...] = ()
     """What reading it warns of, such as that its file was damaged and the end is missing: a sentence each."""
 
@@ -100,7 +100,7 @@ class Library:
 
     @contextmanager
     def hold(self, address: str) -> Iterator[None]:
-        """Keep all other panels out of the folder; `address` is where they are told to look.
+        """Lock the folder for this panel; `address` is what other panels refer their users to.
 
         However this process ends, the folder is free again then. Raises `UsageError` where another panel has it, and
         `StorageError` where that can't be known.
@@ -195,7 +195,7 @@ class Library:
         return path
 
     def with_names(self, sentence: str) -> str:
-        """Return a sentence with recordings' names in the place of their files' paths, which are nobody's business on a page."""
+        """Return a sentence with recordings' names in the place of their files' paths, which don't belong on a page."""
         within = re.escape(os.path.join(self.folder, ""))
         short = re.sub(
             rf"{within}({_NAME.pattern}){re.escape(os.sep)}{re.escape(RECORDING)}", r"\1", sentence
@@ -214,7 +214,7 @@ class Library:
         self._revise(folder, verdict=str(result["verdict"]))
 
     def result(self, name: object) -> dict[str, Any] | None:
-        """Return what was identified from a recording, None where nothing was since somebody said what its columns are.
+        """Return what was identified from a recording, None if nothing was since the user said what its columns are.
 
         Raises as `folder_of`, and `FormatError` for a file that somebody has spoilt.
         """
@@ -278,7 +278,7 @@ class Library:
 
 
 def about_in(folder: Path) -> About:
-    """Return what is known of the recording in a folder; a file that somebody has spoilt says nothing."""
+    """Return what is known of the recording in a folder; a damaged file says nothing."""
     path = _file(folder, ABOUT)
     if path is None:
         return About()

@@ -17,7 +17,7 @@ from servobench.identification.live import LiveEstimate
 
 _INTERVAL = 0.2  # s of the run between two messages
 _RECENT = 2.0  # s of the run in which the shortest way of a sample is looked for
-_KEPT = 8192  # residuals that nobody has asked for yet
+_KEPT = 8192  # residuals that haven't been fetched yet
 
 
 class LiveFit:
@@ -111,7 +111,7 @@ class LiveFit:
 
     def message(self) -> dict[str, Any]:
         """Return the `live` message: the parameters with their 95 % intervals, the whiteness light, and whether it is enough."""
-        # When within the write a voltage begins to act nobody knows: evenly anywhere in it.
+        # When a voltage begins to act within the write is unknown: evenly distributed over it.
         unknown = float(self._writing[0] / max(self._writing[1], 1.0))
         return self._live.message(unknown / math.sqrt(3))
 

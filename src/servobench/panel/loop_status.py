@@ -76,7 +76,7 @@ class LoopStatus:
 
 
 def reply_data(event: Notice) -> dict[str, Any]:
-    """Return what pages are told of the loop's answer to a command."""
+    """Return the message to pages about the loop's answer to a command."""
     about = event.about
     return {
         "kind": "applied",

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 _NICER = 10
 FLAGS: int = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)
-"""What Windows is told when one is started."""
+"""The flags for Windows when one is started."""
 
 
 def surroundings() -> Mapping[str, str]:

@@ -127,7 +127,7 @@ async def _let_in(request: Request, panel: Panel) -> Response:
 
 
 def _looks_ahead(request: Request) -> bool:
-    """Whether a browser loads a page that nobody has opened yet, or a program looks whether it is there."""
+    """Whether a browser loads a page for the first time, or a program checks whether it exists."""
     purposes = (request.headers.get(name, "") for name in ("sec-purpose", "purpose"))
     return request.method == "HEAD" or any("prefetch" in purpose for purpose in purposes)
 
@@ -214,13 +214,13 @@ async def exercise_results(request: Request, panel: Panel) -> Response:
 
 
 async def exercise_checked(request: Request, panel: Panel) -> Response:
-    """Whether what somebody found out is right."""
+    """Whether an answer is right."""
     _outside_of_assessments(panel)
     return await check_exercise(request, panel.work)
 
 
 def _outside_of_assessments(panel: Panel) -> None:
-    """Raise `Refused` where the motor is somebody's own: its answers are on nobody's page, and another motor's are of no use."""
+    """Raise `Refused` if the motor is a student's own: its answers are on no page, and another motor's are of no use."""
     if panel.motor.experiment.device.name == ASSIGNED:
         raise Refused(409, "this motor is yours alone: your answers are marked from your form, not here")
 

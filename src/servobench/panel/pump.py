@@ -48,7 +48,7 @@ class Loop(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What somebody beside the motor has to know, in the order in which it became known."""
+        """What a person beside the motor has to know, in the order in which it became known."""
         ...
 
     def rows(self, start: int | None = None) -> RowReader:
@@ -196,7 +196,7 @@ class Pump(Thread):
         return self._live.message()
 
     def _ready(self, seen: list[Look]) -> int:
-        """How many rows can be shown with their residuals; 0 where none can, and nobody waits for that."""
+        """How many rows can be shown with their residuals; 0 if none can."""
         return min(max(seen[-1].reached - self._rows.next, 0), _MOST) if seen else 0
 
     def _display_rows(self, rows: Array) -> Array:

@@ -133,7 +133,7 @@ async def identify_one(request: Request, panel: Panel) -> Response:
         raise Refused(409, f"the columns of {name} aren't assigned yet: choose Columns there")
 
     async def identify_and_keep(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
-        """The result, kept before anybody is told that the identification is over: who asks then gets it."""
+        """The result, stored before the end of the identification is announced, so that a request after that finds it."""
         found: dict[str, Any] = (await panel.work(asked, said))["result"]
         await asyncio.to_thread(panel.library.judge, native.parent, found)
         return found
@@ -144,7 +144,7 @@ async def identify_one(request: Request, panel: Panel) -> Response:
 
 
 async def identification_ended(request: Request, panel: Panel) -> Response:
-    """An identification that somebody doesn't want to wait for any more."""
+    """Cancel an identification."""
     await json_object(request)
     panel.jobs.end(_name(request))
     return as_json({})
@@ -174,7 +174,7 @@ async def report(request: Request, panel: Panel) -> Response:
 
 
 async def upload(request: Request, panel: Panel) -> Response:
-    """A file that somebody has, as a recording; its name is made to fit, and what its columns are may have to be said."""
+    """Import a file as a recording; its name is adjusted, and its columns may have to be assigned."""
     given = request.query_params.get("name", "")
     stem, suffix = _stem_and_suffix(given)
     folder = await asyncio.to_thread(panel.library.new_like, stem)
@@ -222,7 +222,7 @@ def _questions(panel: Panel, name: str) -> dict[str, Any]:
 
 
 async def columns_said(request: Request, panel: Panel) -> Response:
-    """What somebody answers to that: kept with the recording, where the file is as they say."""
+    """Store the answers with the recording if the file agrees with them."""
     given = await json_object(request)
     native = await asyncio.to_thread(panel.library.file, _name(request), RECORDING)
     await asyncio.to_thread(
@@ -240,7 +240,7 @@ def _write_description(folder: Path, found: dict[str, Any]) -> None:
     """Keep what is known of an imported file, and what is asked about it."""
     replace_file(folder / QUESTIONS, json.dumps(found["questions"]))
     known = About(**found["about"])
-    # How long it is isn't known where nobody knows what its times are.
+    # Without known times the duration is unknown.
     asked = found["questions"]["open"]
     keep_about(
         folder, replace(known, columns="open", duration=0.0) if asked else replace(known, columns="known")
@@ -269,7 +269,7 @@ def _stem_and_suffix(name: str) -> tuple[str, str]:
 
 
 def _file_text(name: str) -> str:
-    """The name of somebody's file in a sentence: in one line, and not longer than a line."""
+    """The name of an uploaded file in a sentence: on one line, and no longer than a line."""
     return "".join(each if each.isprintable() else "?" for each in name)[:_LONGEST_SHOWN]
 
 

@@ -54,7 +54,7 @@ def scope_rows(recording: Recording) -> Array:
 
 
 def _put_output(recording: Recording, values: Array) -> None:
-    """Put the output of somebody else's recording where its unit says."""
+    """Put the output of an imported recording in the place that its unit says."""
     from servobench.core.units import unit
 
     if recording.output is None or (symbol := recording[recording.output].channel.unit) is None:

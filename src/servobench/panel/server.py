@@ -124,7 +124,7 @@ def settings(served: ASGIApp, tls: Tls | None) -> uvicorn.Config:
         served,
         loop="auto",  # uvloop where it is installed: a tenth less of the processor
         log_level="warning",
-        access_log=False,  # an address with a token is nobody's to read
+        access_log=False,  # an address with a token must not be logged
         server_header=False,
         lifespan="on",
         http=half_open.protocol(),

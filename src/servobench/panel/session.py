@@ -72,7 +72,7 @@ class MotorSession:
         self.history = History()
         self.takings = Captures(library, self.show_state, self._note_recorded)
         self._signal = self.experiment.signal  # the one that was asked for last, in force or not yet
-        self._taken = False  # whether somebody drives, as pages were told
+        self._taken = False  # whether a page drives, as last announced
         self._wish: dict[str, float] = {}
         self._loop_of = loop_of
         self._live_of = live_of
@@ -100,7 +100,7 @@ class MotorSession:
         return None if self._connection is None else self._connection.loop
 
     async def begin(self) -> None:
-        """Open the device in the background, and begin to show the loop that somebody is there."""
+        """Open the device in the background, and begin to send the loop its signs of life."""
         self._signs = asyncio.create_task(self._show_signs())
         self._later(self._open_or_tell())
 
@@ -218,7 +218,7 @@ class MotorSession:
 
     @property
     def _may_go_on(self) -> bool:
-        """Whether somebody is there for the motor, or it is known to be at zero volts."""
+        """Whether a person watches the motor, or it is known to be at zero volts."""
         return self.lease.taken or self._standing.rests
 
     # --- who is there
@@ -254,7 +254,7 @@ class MotorSession:
         self._show_whether_taken()
 
     def _stop_unseen(self, why: str) -> None:
-        """Put out zero volts, once for each start; who drives stays, unless somebody else wants to."""
+        """Put out zero volts, once for each start; the operator stays unless another page asks to drive."""
         if self.loop is not None and not self._standing.rests and not self._standing.stopped:
             sentence = f"{why}; the voltage is zero"
             self.stop(sentence)
@@ -307,7 +307,7 @@ class MotorSession:
         return self.command(Command(enabled=True, signal=self._signal))
 
     def stop(self, sentence: str) -> int | None:
-        """Put out zero volts, whoever asks; return the number that the loop acknowledges, None where no loop goes on yet.
+        """Put out zero volts, for any page; return the number that the loop acknowledges, None if no loop runs yet.
 
         What is being recorded goes on: how the shaft comes to rest is what shows that it was stopped.
         """
@@ -353,7 +353,7 @@ class MotorSession:
         self.takings.end(BY_HAND)
 
     def _note_recorded(self, taking: Capture, error: str) -> None:
-        """Take note of a recording's end; one that failed stops the motor: nothing turns unrecorded that somebody thinks is."""
+        """Take note of a recording's end; one that failed stops the motor, so that it never turns unrecorded unnoticed."""
         if error:
             self._put_out_zero()
             self._fail("recording-failed", f"{error}; the voltage is zero")
@@ -415,7 +415,7 @@ class MotorSession:
             await self._disconnect(self._closed_by)
         self.show_state()
 
-    # --- what is told
+    # --- messages
 
     def tell(self, message: Mapping[str, Any]) -> None:
         """Tell everybody."""

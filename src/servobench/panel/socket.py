@@ -27,12 +27,12 @@ FELL_BEHIND = 4408
 Said = Mapping[str, Any]
 Answer = dict[str, Any]
 UNANSWERED = ("beat", "hidden")
-"""What a page says of itself, ten times a second or as it goes out of sight: nobody waits for an answer."""
+"""The page's own status, ten times a second or as it is hidden; it gets no answer."""
 
 
 async def converse(socket: WebSocket, session: Session, motor: MotorSession) -> None:
     """Serve one page until its socket is closed; the motor is at zero volts then, if it was the operator's."""
-    # A page may be gone at any time, before it was let in, too: then there is nobody to answer.
+    # A page may be gone at any time, even before it was admitted; then there is nothing to answer.
     try:
         await socket.accept()
     except OSError:  # only an open socket tells it as WebSocketDisconnect
@@ -52,7 +52,7 @@ async def converse(socket: WebSocket, session: Session, motor: MotorSession) -> 
             task = asyncio.create_task(_answer(text, viewer, motor))
             tasks.add(task)
             task.add_done_callback(tasks.discard)
-    except (WebSocketDisconnect, KeyError):  # closed; or bytes came, which nobody sends
+    except (WebSocketDisconnect, KeyError):  # closed; or bytes came, which pages don't send
         pass
     finally:
         motor.leave(viewer)

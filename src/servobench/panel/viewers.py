@@ -94,7 +94,7 @@ class Viewers:
                 viewer.wake()
 
     def show_state(self, state: Mapping[str, Any], operator: Viewer | None) -> None:
-        """Show everybody how things are; only the operator is told that it is the one."""
+        """Send all pages the status; only the operator's says that it is the operator."""
         for_others = as_text({**state, "operator": False})
         for viewer in self._all:
             own = viewer is operator

@@ -27,7 +27,7 @@ class Work(Protocol):
     """Has a piece of work done: `do_elsewhere` does."""
 
     def __call__(self, asked: Mapping[str, Any], said: Said = ..., /) -> Awaitable[dict[str, Any]]:
-        """Have it done; `said` is told what is done now."""
+        """Do the work; `said` is called with the current step."""
         ...
 
 
@@ -39,7 +39,7 @@ STARTING, READING, IDENTIFYING, WRITING = STAGES = (
 )
 
 COMPILING = "compiling equations for their first use"
-"""Done within the stages, once in an installation for each model; how much there is of it nobody knows before."""
+"""Part of the stages, once per installation for each model; its length isn't known beforehand."""
 
 PATIENCE = 300.0  # s; then it's ended
 _AT_ONCE = asyncio.Semaphore(1)
@@ -79,7 +79,7 @@ async def do_elsewhere(asked: Mapping[str, Any], said: Said = nobody_asks) -> di
 
 
 def error_called(name: str, sentence: str) -> ServobenchError:
-    """Return an error that was raised elsewhere, as the class that it had, or as what the user is told of any other."""
+    """Return an error that was raised elsewhere, as the class that it had, or as the message for any other error."""
     kind = getattr(errors, name, UsageError)
     simple = kind in (UsageError, errors.FormatError, errors.StorageError, errors.NotIdentifiable)
     error: ServobenchError = (kind if simple else UsageError)(sentence)
@@ -281,7 +281,7 @@ PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
 
 
 def _with_name(asked: Mapping[str, Any], sentence: str) -> str:
-    """What is told of the file that was asked about, by the name that the user knows: `called`, where that is another one."""
+    """What is said about the requested file, under the name that the user knows: `called`, if that is another one."""
     if "called" not in asked:
         return sentence
     file = str(asked["file"])

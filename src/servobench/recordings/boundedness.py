@@ -25,7 +25,7 @@ from servobench.core.channels import Array
 from servobench.core.rounding import TWO_SIDED, plain, round_value, with_unit
 from servobench.recordings.measurement.dataset import Dataset
 
-_FEWEST = 20  # samples in a part whose slope is told
+_FEWEST = 20  # samples in a part whose slope is estimated
 _MOST = 6  # stretches of constant input, the longest
 _NEVER = (
     "No finite record proves that a system is stable or unstable: stability is about every bounded input over all "

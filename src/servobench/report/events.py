@@ -94,7 +94,7 @@ def _without_unset(value: Any) -> Any:
 
 
 def _other(event: Event, about: Any) -> tuple[str, str]:
-    """A fault, its acknowledgement, what the recorder missed, or what nobody here knows."""
+    """A fault, its acknowledgement, rows that the recorder missed, or an unknown event."""
     if not isinstance(about, Mapping):
         return event.kind, event.text
     if event.kind == "fault":

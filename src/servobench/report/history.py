@@ -36,7 +36,7 @@ def experiment_facts(recording: Recording) -> tuple[Fact, ...]:
     table = experiment_table(recording)
     own = table.pop("experiment", {})
     if isinstance(limits := table.get("limits"), Mapping):
-        # What else is in that table is told by what the motor was guarded by.
+        # The rest of that table follows from the guard's limits.
         table["limits"] = {"voltage": limits.get("voltage", "")}
     facts = {**own, **table} if isinstance(own, Mapping) else table
     return tuple(

@@ -187,7 +187,7 @@ def _svg(illustration: Illustration, style: Style, variant: str) -> str:
 
 
 def _by_experiment(recordings: Sequence[Recording]) -> list[Recording]:
-    """The first recording of each different experiment; none where nobody asked for anything."""
+    """The first recording of each different experiment; none for imported files."""
     first: dict[str, Recording] = {}
     for recording in recordings:
         if recording.experiment:

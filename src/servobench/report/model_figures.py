@@ -84,7 +84,7 @@ def step(band: StepBand, unit: str, mark: tuple[float, float] | None, style: Sty
 
 
 def pole_map(poles: Sequence[PoleBand], integrator: complex | None, style: Style) -> Figure:
-    """Return the poles in the complex plane, with their 95 % intervals; `integrator` is a thin cross, as nobody estimates it."""
+    """Return the poles in the complex plane, with their 95 % intervals; `integrator` is a thin cross, as it isn't estimated."""
     palette = style.palette
     figure = sheet(style, 250)
     box = whole(style, 250)

@@ -29,7 +29,7 @@ def guard_rows(recording: Recording) -> tuple[Row, ...]:
         limits = Limits.model_validate(given)
         sample_time = quantity(table.get("experiment", {}).get("sample_time"), "s")
         watched = _monitors(limits, device, sample_time, recording)
-    except (ValidationError, ValueError):  # limits that somebody wrote by hand, or for another device
+    except (ValidationError, ValueError):  # limits written by hand, or for another device
         return ()
     return (*_clipping(limits, recording), *watched, _watchdog(limits, recording))
 

@@ -129,7 +129,7 @@ def _first_time(course: Callable[[Array], Array], t: Array, y: Array, level: flo
         value = float(course(np.array([middle]))[0]) - level
         if abs(value) < 1e-13 or high - low < 1e-14 * high:
             return float(middle)
-        # The Illinois rule: the end that stays counts half, or it would stay for ever.
+        # The Illinois rule: the end that stays counts half, or it would never move.
         if value < 0:
             low, below, above = middle, value, 0.5 * above
         else:

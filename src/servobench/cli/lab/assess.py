@@ -156,7 +156,7 @@ def _shared_forms_text(whole: float, same: Mapping[str, bool], passed: Mapping[s
 
 
 def _blanks_by_reason(asked: Sequence[tuple[Question, ...]]) -> dict[str, list[str]]:
-    """The blanks that somebody isn't asked, by the reason."""
+    """The blanks that not every student is asked, by the reason."""
     reasons: dict[str, list[str]] = {}
     for column in zip(*asked, strict=True):
         question = next((question for question in column if not question.is_answerable), None)
@@ -166,7 +166,7 @@ def _blanks_by_reason(asked: Sequence[tuple[Question, ...]]) -> dict[str, list[s
 
 
 def _not_asked(why: str) -> str:
-    """Why nobody, or not everybody, is asked a blank, in the words of the one who can't be."""
+    """Why a blank isn't asked of some or all students, as the exercise states it."""
     return f"not asked if it can't be determined: {why}"
 
 

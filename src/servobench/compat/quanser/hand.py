@@ -1,4 +1,4 @@
-"""The hand that somebody needs for a balance program: it brings the pendulum up, and lets go where the motor takes over."""
+"""The hand that a balance program needs: it lifts the pendulum, and lets go once the motor takes over."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from servobench.rig.motor.pendulum import RotaryPendulum
 LIFTS_AFTER, LIFTS_FOR = 2.0, 3.0  # s
 LETS_GO_AT = 0.1  # V; what a controller puts out that has taken over
 LETS_GO_ABOVE = math.radians(160.0)  # a controller that balances begins within 10 or 20 degrees of upright
-TOP = math.radians(179.0)  # nobody holds it exactly upright, and there a controller would have nothing to do
+TOP = math.radians(
+    179.0
+)  # a person doesn't hold it exactly upright; if they did, the controller would have nothing to do
 
 
 class Hand:

@@ -88,7 +88,7 @@ class ReplacedTime:
         return package is not None and package[0] in self._following
 
     def _is_alone(self) -> bool:
-        """Whether nobody could end a wait but its time."""
+        """Whether only its time can end a wait."""
         return not self._timebase.paced and threading.active_count() == 1
 
     def _clock(self, began: float, per_second: int) -> Callable[[], float]:
@@ -129,7 +129,7 @@ class ReplacedTime:
         return wait
 
     def _input(self, real: Callable[..., str]) -> Callable[..., str]:
-        """`input`, which takes the time that somebody takes to answer, in whole tenths of a second."""
+        """`input`, which takes the time of the person's answer, in whole tenths of a second."""
 
         def wait_for_line(*prompt: Any) -> str:
             began = clock._wall()

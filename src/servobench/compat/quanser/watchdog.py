@@ -29,7 +29,7 @@ class Watchdog:
         self.expires, self.expired = now + self._timeout, False
 
     def reload(self, now: float) -> bool:
-        """Begin anew, and return whether it was in time."""
+        """Restart the time, and return whether the reload came before it was over."""
         if self.expired:
             return False
         self.expires = now + self._timeout
@@ -40,10 +40,10 @@ class Watchdog:
         self.expires = self._timeout = math.inf
 
     def expire(self) -> None:
-        """Note that nobody came in time."""
+        """Note that no reload came in time."""
         self.expired, self.expires = True, math.inf
 
     def clear(self, now: float) -> None:
-        """Allow outputs again, and begin anew."""
+        """Allow outputs again, and restart the time."""
         self.expired = False
         self.expires = now + self._timeout

@@ -88,7 +88,7 @@ def _candidates(motor: AssumedMotor, largest: float, sample_time: float) -> Iter
 
 
 def _of_the_test(motor: AssumedMotor, names: Sequence[str], u: Array, sample_time: float) -> Array:
-    """The information (P, P) of a test about the parameters `names`; its start is at rest at a position that nobody knows."""
+    """The information (P, P) of a test about the parameters `names`; it starts at rest at an unknown position."""
     structure = STRUCTURES["first_order_coulomb"]
     t = sample_time * np.arange(len(u), dtype=np.float64)
     jacobian = structure.predict(motor.theta(structure), motor.dataset(t, u)).jacobian / motor.noise

@@ -33,7 +33,7 @@ _ROWS = 240  # a guess needs no more samples of a record than this
 _TAUS = 24
 _DELAYS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0])  # in sample times
 _PARTS = np.array([-0.5, -0.25, 0.25, 0.5])  # of a step of the grid of τ
-_LOWER = 1.0 - 1e-6  # times: under one level any width explains as much, and rounding shan't choose
+_LOWER = 1.0 - 1e-6  # times: under one level any width explains as much, and rounding must not decide
 _WIDTHS = np.linspace(
     0.05, 0.65, 7
 )  # of the largest input: dead zones that are tried for a guess of friction

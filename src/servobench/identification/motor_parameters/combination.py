@@ -127,7 +127,7 @@ class _Solution:
         return self.determined[name] and self.relative(name) <= _VAGUE
 
     def estimates(self) -> dict[str, Estimate]:
-        """The parameters that are told."""
+        """The parameters that are determined."""
         return {name: self._estimate(name) for name in self.motor if self.is_determined(name)}
 
     def _estimate(self, name: str) -> Estimate:

@@ -56,7 +56,7 @@ def stiffness(motor: Motor) -> float:
 
 
 def from_values(known: Mapping[str, float | tuple[float, float]]) -> Observation:
-    """Return the values that somebody states, `name: value` or `name: (value, sd)` in SI units.
+    """Return the values that the user states, `name: value` or `name: (value, sd)` in SI units.
 
     A value without a standard deviation is taken as exact. Raises `UnknownName` for a name that is no parameter of a motor, and
     `UsageError` for a value that no motor has.

@@ -217,7 +217,7 @@ def read_lags(fit: Fit, method: str) -> Lags | None:
 
 
 def lags_of_fit(fit: Fit, gain: float, time_constant: float) -> Lags | None:
-    """Return what filters that nobody mentioned add to the time constant and the delay of a fit like this one.
+    """Return what unmentioned filters add to the time constant and the delay of a fit like this one.
 
     A motor of that gain and time constant is simulated under the same inputs, its speed filtered, and fitted as if it weren't.
     """

@@ -121,7 +121,7 @@ def _largest(fit: Fit, name: str) -> float:
     longest = max(record.data.duration for record in fit.records)
     if name == "time_constant":
         value, step = abs(fit.model[name]), max(record.data.sample_time for record in fit.records)
-        # Of one that isn't resolved the end is all that is told; one that is, and may be ten times as long, isn't bounded.
+        # For an unresolved one only the upper end is stated; a resolved one that may be ten times as long isn't bounded.
         return min(longest, _FAR * value) if value > step else longest
     if name == "delay":
         return min(_size(fit, name), longest)

@@ -112,7 +112,7 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     events = dict(zip(asked, _events(starts, influence), strict=True))
     known = {name: ONE_LEVEL if one_level else _experience(count) for name, count in events.items()}
     shares = dict.fromkeys(asked, _evident(fit, ratio))
-    # Friction is told at a few places of most records; one event is what gain or lag have one of.
+    # Friction shows at a few places of most records; a single event is one of gain or lag.
     if one_level or min(events["lag"], events["gain"]) < _ONE:
         for n in (n for n, name in enumerate(asked) if events[name] < _ONE):
             along = root[:shared].T @ directions[n]

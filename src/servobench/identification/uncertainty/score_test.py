@@ -30,7 +30,7 @@ from servobench.identification.models.base import simulate_output
 from servobench.recordings.measurement.dataset import Dataset
 
 LIMIT = 5.0  # standard deviations of a normal number that is as improbable
-ASKED = 2.0  # below that nobody asks how much of a term there would be
+ASKED = 2.0  # below that the amount of a term isn't computed
 _SMALL = 1e-4  # of the largest input: the size of the extra input, small enough for the response to be linear in it
 
 
@@ -49,7 +49,7 @@ class Motion:
 
     @cached_property
     def _waves(self) -> list[NDArray[np.complex128]]:
-        """e^(i n θ) of the position θ for n = 1, 2, ..., as far as somebody asked."""
+        """e^(i n θ) of the position θ for n = 1, 2, ..., as far as they have been needed."""
         return [np.exp(1j * self.position)]
 
     def wave(self, cycles: int) -> tuple[Array, Array]:
@@ -217,7 +217,7 @@ def _size_of(fit: Fit, innovations: Array, rest: Array) -> tuple[float, Array]:
 
 
 def _unresolvable_ripple(fit: Fit) -> float:
-    """How large a ripple nobody can tell from the encoder's rounding, in the innovations: half a count where it repeats, else 0.
+    """The ripple in the innovations that could be encoder rounding: half a count where that repeats, else 0.
 
     Both depend on the angle alone. Rounding that comes again with each period of the motion isn't noise, and no average over the
     record makes it less.

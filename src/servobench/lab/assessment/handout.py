@@ -35,7 +35,7 @@ def hand_out(
     folder: Path,
     reached: Callable[[float], object] = lambda part: None,
 ) -> tuple[Handout, ...]:
-    """Write a folder for each student, and return what is in them; `reached` is told the part that is done.
+    """Write a folder for each student, and return what is in them; `reached` is called with the part that is done.
 
     Everybody gets the same blanks, those that anybody's recording tells. Raises `UsageError` where there is none, before anything
     is written, and `StorageError` where a file can't be written.

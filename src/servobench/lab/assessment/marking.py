@@ -65,7 +65,7 @@ def mark(
     forms: Sequence[Form],
     reached: Callable[[float], object] = lambda part: None,
 ) -> Marks:
-    """Return everybody's marks; `reached` is told the part that is done.
+    """Return the marks of all; `reached` is called with the part that is done.
 
     A form belongs to whom its code says, or without one to the student whose folder it lies in or is called after. Raises
     `UsageError` where forms have codes and none is anybody's: then the secret or the exercise is another one.

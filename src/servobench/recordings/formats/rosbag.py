@@ -204,7 +204,7 @@ def read(path: Path) -> tuple[Recording, ...]:
 
 
 def _messages(path: Path, reading: Reading) -> Iterator[Message]:
-    """The messages of a file, or of all files of a bag whose metadata it is; each file numbers its topics anew."""
+    """The messages of a file, or of all files of a bag whose metadata it is; each file has its own numbers for the topics."""
     if path.name != METADATA:
         with path.open("rb") as file:
             in_sqlite = file.read(len(db3_messages.MAGIC)) == db3_messages.MAGIC

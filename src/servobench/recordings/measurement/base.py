@@ -50,7 +50,7 @@ class Stage(Protocol):
         ...
 
     def start_response(self, t: Array) -> Array | None:
-        """Return what a start state of one adds to the output at times t (N,) [s]; None where no state decays for ever."""
+        """Return what a start state of one adds to the output at times t (N,) [s]; None if no state decays without end."""
         ...
 
     def start(self) -> State:

@@ -51,7 +51,7 @@ class Delay:
         return first_filled(first, t, self.time)
 
     def start_response(self, t: Array) -> None:
-        """Nothing decays for ever: the stage looks back by its time."""
+        """There is no infinite decay: the stage looks back by its time."""
         return None
 
     def start(self) -> Samples:

@@ -64,7 +64,7 @@ class LeastSquares:
         return max(first + 1, first_filled(first, t, self.window))
 
     def start_response(self, t: Array) -> None:
-        """Nothing decays for ever: the stage looks back by its window."""
+        """There is no infinite decay: the stage looks back by its window."""
         return None
 
     def start(self) -> Samples:

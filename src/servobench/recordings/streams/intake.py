@@ -20,7 +20,7 @@ from servobench.recordings.recording import Recording, Source
 from servobench.recordings.streams.base import Rows
 from servobench.recordings.streams.order import Link, RowOrder
 
-OPENING = 50  # rows from which the columns and the time between rows are told
+OPENING = 50  # rows from which the columns and the time between rows are found
 _FEWEST = 2  # rows that can be read as a recording
 
 

@@ -16,7 +16,7 @@ from servobench.recordings.streams.base import STREAMS, Rows
 if TYPE_CHECKING:
     from ntcore import NetworkTableInstance
 
-_KEPT = 10_000  # values of a topic that wait for somebody to read them
+_KEPT = 10_000  # values of a topic that wait to be read
 _AGAIN = 0.02  # s between two looks
 _PORT = 5810
 _MICROSECOND = 1e-6

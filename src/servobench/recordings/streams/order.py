@@ -17,7 +17,7 @@ _LATE = 1.5  # sample times: a longer step is a gap
 _NEAR = 3.5  # sample times: a row that may follow, with two lost in between
 _ALIKE = 0.2  # of a step: another rate
 _OVERTAKEN = 1.0  # s; a row that is older than that isn't late, but of a clock that began again
-_LATEST = 51  # steps that the rate is told from
+_LATEST = 51  # steps that the rate is found from
 _WRAPS = (2.0**32, 2.0**16)  # ticks of a board's clock
 
 

@@ -45,7 +45,7 @@ class StandardInput:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leave standard input as it is: it belongs to whoever opened it."""
+        """Leave standard input open: it belongs to the caller."""
 
     def read(self, patience: float) -> Rows | None:
         """Return the rows that have come; None after the end of the input."""

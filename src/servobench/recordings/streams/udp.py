@@ -12,7 +12,7 @@ from servobench.recordings.streams.base import STREAMS, Rows
 from servobench.recordings.streams.line_table import LineTable
 
 _LARGEST = 65_536  # bytes of a datagram
-_BUFFER = 1 << 22  # bytes that the system keeps while nobody reads
+_BUFFER = 1 << 22  # bytes that the system buffers
 _MOST = 1000  # datagrams at once
 
 

@@ -39,7 +39,7 @@ class AssignedSettings(Settings):
 
 @DEVICES.member(NAME)
 class Assigned:
-    """A simulated motor that belongs to somebody, as `servobench lab assess` assigns it; it doesn't reveal its parameters.
+    """A simulated motor that `servobench lab assess` assigned to a student; it doesn't reveal its parameters.
 
     It behaves as the twin with these parameters does. Raises `UsageError` for a secret that can't be read, or that others can.
     """

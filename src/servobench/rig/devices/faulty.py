@@ -71,7 +71,7 @@ class Faulty:
 
     def __getattr__(self, name: str) -> Any:
         """What a device can do beside being one, such as to light its lamp, it does as before."""
-        if name == "device":  # a copy that has none yet would ask itself for ever
+        if name == "device":  # a copy that has none yet would recurse without end
             raise AttributeError(name)
         return getattr(self.device, name)
 
@@ -87,7 +87,7 @@ class Faulty:
         self.device.__exit__(kind, error, trace)
 
     def start(self, sample_time: float, seed: int | None) -> None:
-        """Prepare a run with that sample time [s]; each fault begins anew."""
+        """Prepare a run with that sample time [s]; each fault is reset."""
         if not (math.isfinite(sample_time) and sample_time > 0):
             self.device.start(sample_time, seed)  # which says what is wrong with it
         chance = seed if self._seed is None else self._seed

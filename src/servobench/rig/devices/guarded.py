@@ -276,7 +276,7 @@ class Guarded:
         return Rescue((self._stop_device, partial(self._attempt, 0.0, locked=True)))
 
     def refuse(self, alarm: Alarm) -> Stopped | None:
-        """Latch a fault of whoever drives, put the terminate value out, and return why the run is to end; None on "hold"."""
+        """Latch a fault of the driver, put the terminate value out, and return why the run is to end; None on "hold"."""
         self._latch(alarm)
         self._attempt(self._fault_voltage)
         self._lamp.show_if_it_can(self._fault_light)

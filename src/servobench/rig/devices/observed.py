@@ -64,7 +64,7 @@ class Observed:
 
     def __getattr__(self, name: str) -> Any:
         """What a device can do beside being one, such as to light its lamp, it does as before."""
-        if name == "device":  # a copy that has none yet would ask itself for ever
+        if name == "device":  # a copy that has none yet would recurse without end
             raise AttributeError(name)
         return getattr(self.device, name)
 

@@ -73,7 +73,7 @@ class WhenLate(Settings):
     missed: Missed = "discard"
     """Leave whole ticks that have gone by out ("discard"), or do them late ("process")."""
     phase: Phase = "keep"
-    """Go back to the schedule after a late tick ("keep"), or begin the schedule anew with it ("lose")."""
+    """Go back to the schedule after a late tick ("keep"), or restart the schedule from it ("lose")."""
 
 
 class Experiment(Settings):

@@ -147,7 +147,7 @@ class _Loop:
             raise ending.error
 
     def _drive(self, experiment: Experiment, device: Guarded) -> _Ending:
-        if self._spec.enabled and self._spec.operator_timeout is None:  # otherwise somebody drives it by hand
+        if self._spec.enabled and self._spec.operator_timeout is None:  # otherwise it is driven by hand
             preload(device, experiment)
         clock = _clock(experiment, device.info)
         opened = opening(experiment, device.info, commanded_live=True, timing=clock.timing)

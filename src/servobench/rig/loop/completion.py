@@ -72,7 +72,7 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorder
             f"{new} doesn't contain what was written to it; {part} is kept: copy it to another disk"
         )
     os.replace(new, target)
-    if found is not None or drain.rows == rows.written:  # or else it may hold what nobody could read yet
+    if found is not None or drain.rows == rows.written:  # or else it may hold rows that couldn't be read yet
         part.unlink(missing_ok=True)
     if target != asked:
         raise StorageError(elsewhere_text(asked, target))

@@ -592,7 +592,7 @@ class LoopProcess:
 
 
 def _to_standard_error(sentence: str) -> None:
-    with suppress(OSError, ValueError):  # nobody reads it
+    with suppress(OSError, ValueError):  # nothing reads it
         sys.stderr.write(f"{sentence}\n")
         sys.stderr.flush()
 

@@ -44,7 +44,7 @@ from servobench.rig.loop.ring import load as load_rings
 from servobench.rig.loop.spec import DONE, ENDED, FAILED, RECORDING
 
 INTERVAL = 0.03  # s between two looks at the rings; what is written on top of it stays below 50 ms
-LAST_WORDS = 40  # looks for which the loop's last word is waited for, once somebody wants an end
+LAST_WORDS = 40  # looks to wait for the loop's last message, once an end is requested
 STOPPING = 40  # looks for which a file that failed is kept open while the loop stops its motor
 
 PATIENCE = 10.0  # s; how long a recorder may take to finish its file before it is killed, and the file completed from memory
@@ -239,7 +239,7 @@ class _Process:
         # Ctrl-C goes to all processes of a terminal; the loop answers it, and says so at its end.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, self._on_request)
-        # A daemon: where the input stays open it waits for ever.
+        # A daemon, as it waits without end while the input stays open.
         Thread(target=self._listen, name="end of input", daemon=True).start()
 
     def wait(self) -> None:

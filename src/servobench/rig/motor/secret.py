@@ -1,4 +1,4 @@
-"""A secret: a file with random bytes that only its owner can read. Without it nobody can compute the values drawn from it."""
+"""A secret: a file with random bytes that only its owner can read. The values drawn from it can't be computed without it."""
 
 from __future__ import annotations
 

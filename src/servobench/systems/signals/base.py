@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 @runtime_checkable
 class Signal(Protocol):
-    """A value for every time; the same times give the same values, for ever and on every machine.
+    """A value for every time; the same times give the same values, always and on every machine.
 
     A signal that has a `start` is at its resting value before it (`low`, `offset`, `rest` or `initial`), and repeats only after
     it. Members are `Settings`, so that a file can hold them; a field without a default has an example.

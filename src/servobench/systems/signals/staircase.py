@@ -15,7 +15,7 @@ from servobench.systems.signals.edges import periods
 
 @SIGNALS.member("staircase")
 class Staircase(Settings):
-    """The levels in their order, each for `dwell`; the first one before `start` too, the last one for ever."""
+    """The levels in their order, each for `dwell`; the first one also before `start`, the last one without end."""
 
     levels: Annotated[tuple[Level, ...], AfterValidator(at_least_one)] = (0.0, 1.0, 2.0, 3.0)
     """The levels in their order [V]."""

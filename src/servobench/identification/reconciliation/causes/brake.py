@@ -14,7 +14,7 @@ _SIZES = (0.2, 20.0)  # of R b/k²: from where bearings end to a brake that leav
 
 @dataclass(frozen=True)
 class Brake(ViscousFriction):
-    """Viscous friction that no bearing has, and that somebody put there: the law is the same, sizes are spread evenly in ln ξ."""
+    """Viscous friction beyond that of bearings, such as an eddy-current brake: the same law, with sizes spread evenly in ln ξ."""
 
     label: str = "a brake"
     law: str = "A brake (eddy currents, a fan) lowers gain and time constant together, by the same factor."
@@ -26,7 +26,7 @@ class Brake(ViscousFriction):
         return _SIZES
 
     def sizes(self, question: Question) -> Sizes:
-        """Even in ln ξ: nobody knows how strong somebody's brake is."""
+        """Even in ln ξ: the strength of a brake is unknown."""
         values = np.geomspace(*_SIZES, 81)
         steps = values * np.log(values[1] / values[0])
         return Sizes(values=values, weights=np.full(len(values), 1 / len(values)), steps=steps)

@@ -32,7 +32,7 @@ _NEAR = (
 )
 _KNOWN = 0.25  # of its value: a standard deviation beyond that can't tell a factor of 2, the smallest, from 1
 _SAMPLES = 30  # with a current, at speed: fewer say nothing of their scatter
-_CURRENT = 0.01  # of the largest one, and of a stall's: memory that nobody wrote to holds less
+_CURRENT = 0.01  # of the largest one, and of a stall's: uninitialised memory holds less
 _SAME_MOTOR = 3.0  # the time constants may differ by this factor, and it is still that motor
 
 

@@ -18,7 +18,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _FEW = 3.0  # quanta: what moves less than that hasn't moved
 _TRAVELLED = 6.0  # times what steps that come and go by chance would travel
-_FINE = 200.0  # quanta in the range: of a coarser sensor nobody can say at what pace it reached its end
+_FINE = 200.0  # quanta in the range: a coarser sensor doesn't show how fast it reached its end
 _VISITS = 2  # of the end of a range: a motor that turns round once stands at its own largest value, too
 _OF_ALL = 0.2  # of the stretches that stand still: a sensor whose values are held has them everywhere
 _SHORTEST = 5  # samples in a stretch

@@ -37,7 +37,7 @@ def _one_way(fit: Fit) -> list[Finding]:
         return [together]
     # The motor's equation has -K u_c, which brakes where it is against ω: K u_c ω > 0.
     turns = float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
-    is_flag = fit.records[0].data.input_unit == "1"  # of which nobody knows what it switches
+    is_flag = fit.records[0].data.input_unit == "1"  # what it switches is unknown
     brakes = fit.structure == "first_order_one_way_rest"  # as it holds the shaft, whichever way that turns
     helps = estimate.value * fit["gain"].value * turns < 0 and not brakes
     if helps and is_flag:

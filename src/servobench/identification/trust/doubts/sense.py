@@ -11,7 +11,7 @@ def _sense(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names:
         return []
     gain = fit["gain"]
-    # Of a gain that isn't told from zero nobody knows the sign.
+    # The sign of a gain that may be zero is unknown.
     if gain.value >= 0 or not 2 * gain.sd < -gain.value:
         return []
     return [

@@ -30,11 +30,13 @@ from servobench.identification.trust.explanations.equation import (
 from servobench.identification.trust.explanations.trial import fit_plainly, is_confirmed
 from servobench.recordings.measurement.dataset import Dataset
 
-_CONVINCING = 0.6  # of the misfit may be left where a cause is told
+_CONVINCING = 0.6  # of the misfit may be left if a cause is reported
 _EXPLAINED_ALREADY = 90.0  # percent of the output: a model that simulates more is right enough for its intervals to hold the rest
 _CERTAIN = 0.3  # of the misfit may be left where no richer structure is tried
 _TRIALS = 3  # causes that are fitted, the most promising first
-_AS_GOOD = 1.15  # times the least misfit of all causes: that much is chance, and the simpler cause is told
+_AS_GOOD = (
+    1.15  # times the least misfit of all causes: that much is chance, and the simpler cause is reported
+)
 
 
 @dataclass(frozen=True, eq=False)

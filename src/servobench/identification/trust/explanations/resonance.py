@@ -17,7 +17,7 @@ from servobench.identification.trust.explanations.equation import (
     rings,
 )
 
-_DAMPED = 0.3  # of critical damping: with more, nobody would call it a swing
+_DAMPED = 0.3  # of critical damping: with more it hardly swings
 _NYQUIST = 0.25  # of the sampling frequency: what swings faster can't be seen to swing
 _PERIODS = 5  # in the record: what swings fewer times is anything slow
 _LAGS = 5  # of the filter, so that the fourth derivative is proper

@@ -27,7 +27,7 @@ def _weight(case: Case) -> CauseFit | None:
     largest = max(float(np.abs(each.u).max()) for each in case.motions)
     if size < _LEAST * largest or max(float(np.ptp(each.y)) for each in case.motions) < _TURNED:
         return None
-    # Of a torque beyond all that the motor had, only a small part was seen: nobody can say how large it is.
+    # Of a torque beyond all that the motor had, only a small part was seen, so its size is unknown.
     seen = size <= largest
     how_large = f", as large as {size:.2g} {unit} of input" if seen else ""
     sentence = (

@@ -18,7 +18,7 @@ class Restart(Final):
     """
 
     def begin(self, run: Injected) -> Injection:
-        """Count anew from the first sample of that time on."""
+        """Count from zero again from the first sample at or after that time."""
         bits = counter_bits(run.device.info)
         travel = Travel(bits)
         first: Sample | None = None

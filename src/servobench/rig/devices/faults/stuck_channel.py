@@ -26,7 +26,7 @@ class StuckChannel(Lasting):
     """The channel that is stuck: A or B."""
 
     def begin(self, run: Injected) -> Injection:
-        """Decode each sample's count anew from the levels of the two channels."""
+        """Decode the count of each sample from the levels of the two channels."""
         bits = counter_bits(run.device.info)
         travel = Travel(bits)
         which = "AB".index(self.channel)
