@@ -153,3 +153,23 @@ def send(board: int, text: str) -> None:
     with suppress(OSError):
         while data:
             data = data[os.write(board, data[:500]) :]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pipe that breaks")
+def test_a_reader_that_goes_away_costs_no_report(lines: list[str], tmp_path: Path) -> None:
+    """As `| head` does: the stream is recorded to its end and reported, though nobody reads the words any more."""
+    process = subprocess.Popen(
+        command("-", "--out", tmp_path / "out"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdout.close()
+    process.stdin.write("\n".join(lines) + "\n")
+    process.stdin.close()
+    process.wait(PATIENCE)
+
+    assert sorted(each.name for each in (tmp_path / "out").iterdir()) == [
+        "recording.mcap",
+        "report.html",
+        "result.json",
+    ]

@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from servobench.cli.terminal import printable, say
+from servobench.cli.terminal import OutputGone, printable, say
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import group_digits, rounded_interval
 
@@ -38,6 +38,7 @@ class LiveText:
         self._now = now
         self._next = now() + _INTERVAL
         self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+        self._is_read = True
 
     def __enter__(self) -> Self:
         """Take the place on the terminal."""
@@ -58,14 +59,23 @@ class LiveText:
             self._live.update(block(watch, silence), refresh=True)
         elif self._now() >= self._next:
             self._next = self._now() + _INTERVAL
-            say(self._console, line(watch, silence))
+            self._say(line(watch, silence))
 
     def show_last(self, watch: Watch) -> None:
         """Show the state that the stream ended in."""
         if self._live is not None:
             self._live.update(block(watch, 0.0), refresh=True)
         else:
-            say(self._console, line(watch, 0.0))
+            self._say(line(watch, 0.0))
+
+    def _say(self, text: str) -> None:
+        """Print a line while the output has a reader; the recording goes on without one."""
+        if not self._is_read:
+            return
+        try:
+            say(self._console, text)
+        except OutputGone:
+            self._is_read = False
 
 
 def block(watch: Watch, silence: float) -> Group:

@@ -6,7 +6,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -76,7 +76,7 @@ def watch(
     from servobench.cli.conclusion import check_names, status_of
     from servobench.cli.output_folder import empty_folder
     from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.terminal import messages, output, say
+    from servobench.cli.terminal import OutputGone, messages, output, say
     from servobench.core.errors import UsageError
     from servobench.recordings.reading import mapping_of
     from servobench.recordings.streams.base import stream_of
@@ -90,7 +90,8 @@ def watch(
     console = messages() if as_json else output()
     with empty_folder(out, "watch", datetime.now()) as folder:
         evidence = _record(stream, mapping, folder, console, wish, length, until is not None, structure)
-        say(console, f"recording: {folder / 'recording.mcap'}\n")
+        with suppress(OutputGone):  # the report is written all the same
+            say(console, f"recording: {folder / 'recording.mcap'}\n")
         with Progress() as progress, announce_compiling(progress):
             result = _identify(evidence, progress, structure, nominal)
         _deliver(result, evidence, folder, console, as_json, context.obj or "", all_findings)
