@@ -27,7 +27,7 @@ def completion(
 
 
 def _words(application: Any) -> dict[str, list[str]]:
-    """What may follow: by the words of a command its options and commands, by command and option the names it takes."""
+    """Possible continuations: options and subcommands by command, names by command and option."""
     known: dict[str, list[str]] = {}
 
     def look(command: Any, words: str) -> None:

@@ -100,7 +100,7 @@ def design(
 def _motor(
     nominal: str | None, known_from: Path | None, reading: Reading, starts_at_rest: bool
 ) -> AssumedMotor:
-    """What is known of the motor: a data sheet, a result, or a recording."""
+    """The assumed motor: from a data sheet, a result, or a recording."""
     from servobench.cli.recordings import identify_file, is_result, refuse_reading
     from servobench.core.errors import UsageError
     from servobench.identification.design.assumed_motor import from_data_sheet, from_result

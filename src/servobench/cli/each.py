@@ -24,7 +24,7 @@ SCHEMA = "servobench.each/1"
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked for of each file: `structure`, `estimator`, `nominal`, `known` and `starts_at_rest` as for `identify`."""
+    """The options for each file: `structure`, `estimator`, `nominal`, `known` and `starts_at_rest` as for `identify`."""
 
     structure: str
     estimator: str

@@ -28,7 +28,7 @@ def estimators(name: MemberName = None, as_json: AsJson = False) -> None:
 
 
 def _facts(abilities: Mapping[str, Any]) -> dict[str, Any]:
-    """What an estimator says of itself: texts as they are, and the list of what it can do."""
+    """An estimator's abilities: its texts, and the list of what it can do."""
     from servobench.core.parameter_names import plain_words
 
     told = {name: value for name, value in abilities.items() if isinstance(value, str) and value}

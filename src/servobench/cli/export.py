@@ -209,7 +209,7 @@ def _with_its_unit(diameter: str | None) -> str | None:
 
 
 def _quantity(option: str, text: str | None, si: str) -> float | None:
-    """What an option says, in its SI unit."""
+    """The value of an option in its SI unit."""
     from servobench.core.errors import UnitError, UsageError
     from servobench.core.units import quantity
 

@@ -92,7 +92,7 @@ class _Look:
 
 
 def _look(recording: Recording, said: Mapping) -> _Look:
-    """What the recording is with what was said of it; raises `UnknownName` for a column that isn't there."""
+    """The recording with the given options applied; raises `UnknownName` for a missing column."""
     from servobench.core.errors import MissingInformation, ServobenchError, UnknownName
     from servobench.recordings.evidence import evidence_of
 
@@ -179,7 +179,7 @@ def _remarks(recording: Recording, series: Series, finite: int) -> list[str]:
 
 
 def _times(recording: Recording) -> list[str]:
-    """What each set of times is like, in a line."""
+    """A line on each set of times."""
     from servobench.recordings.formats.times import time_base
 
     different = {id(series.t): series.t for series in recording.series if series.t is not None}
@@ -243,7 +243,7 @@ def _unit_in(recording: Recording, data: Dataset) -> str:
 
 
 def _support(look: _Look) -> tuple[list[str], list[Finding]]:
-    """What the recording can be used for as it is, or what has to be said before; and what speaks against using it."""
+    """What the recording can be used for, what has to be stated first, and what speaks against using it."""
     from servobench.identification.trust.doubts.base import about_data
 
     data = look.data

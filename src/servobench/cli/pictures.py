@@ -23,7 +23,7 @@ _WIDEST = 72  # characters for the line itself; a longer one shows no more
 
 @dataclass(frozen=True, kw_only=True)
 class Pen:
-    """What a picture is drawn with: Braille dots, eight in a character, or in ASCII one mark a character."""
+    """The characters of a picture: Braille dots, eight in a character, or in ASCII one mark a character."""
 
     braille: bool
 

@@ -21,7 +21,7 @@ _INTERVAL = 0.25  # s
 
 @dataclass(frozen=True, kw_only=True)
 class _Work:
-    """What is being done since when [s], and the first and the latest (time [s], part that was done by then).
+    """The current step, its start [s], and the first and the latest (time [s], part that was done by then).
 
     `left` is the time that is left [s] where the work itself tells it, as a run does.
 
@@ -81,7 +81,7 @@ class Progress:
 
     @property
     def what(self) -> str:
-        """What is being done."""
+        """The current step."""
         return self._work.what
 
     def begin(self, what: str) -> None:

@@ -67,7 +67,7 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
 
 
 def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
-    """What is wrong first, then the refusals; of what else there is to say only how much it is, unless all is asked for."""
+    """Warnings first, then refusals; of all other findings only the number, unless all are asked for."""
     from servobench.identification.trust.explanations.base import is_cause
 
     if result.fit is not None and _determines_nothing(result):
@@ -140,7 +140,7 @@ def _show_parameters(console: Console, estimates: Mapping[str, Estimate], what: 
 
 
 def _show_answers(console: Console, result: Result) -> None:
-    """What is known of each parameter, and of several together; of what isn't known in words."""
+    """The parameters and combinations that are known, and sentences on those that aren't."""
     from servobench.identification.uncertainty.status_text import in_words
 
     estimates = result.fit.estimates if result.fit else {}
@@ -169,7 +169,7 @@ def _show_estimates(console: Console, what: str, rows: Sequence[tuple[str, ...]]
 
 
 def _budget(result: Result) -> list[str]:
-    """What the intervals of gain and time constant are made of, the largest parts first."""
+    """The parts of the intervals of gain and time constant, the largest first."""
     from servobench.core.rounding import plain
     from servobench.identification.uncertainty.composition import parts_of
 

@@ -124,7 +124,7 @@ def run(
 def experiment_asked_for(
     file: Path | None, device: str | None, seed: int | None, until: str | None, faults: Sequence[str] = ()
 ) -> Experiment:
-    """What is asked for, with what the command line says in place of what the file says; faults come on top of the file's."""
+    """The experiment with the command line's settings in place of the file's; faults are added to the file's."""
     from servobench.cli.device_choice import device_choice
     from servobench.identification.design.stopping_rule import parse_wish
     from servobench.recordings.measurement.base import Chain

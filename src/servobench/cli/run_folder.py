@@ -31,17 +31,17 @@ class RunFolder:
 
     @property
     def experiment(self) -> Path:
-        """What was asked for, in full."""
+        """The experiment, in full."""
         return self.path / "experiment.toml"
 
     @property
     def recording(self) -> Path:
-        """What happened, with nothing left out."""
+        """The recording, complete."""
         return self.path / "recording.mcap"
 
     @property
     def part(self) -> Path:
-        """What a run that was killed leaves in place of its recording, which marks the folder as not whole."""
+        """The part that a killed run leaves in place of its recording, which marks the folder as incomplete."""
         return self.recording.with_name(f"{self.recording.name}.part")
 
     @property

@@ -153,7 +153,7 @@ def _gain_unit(data: Dataset) -> str:
 def _result_and_records(
     out: Console, path: Path, reading: Reading, starts_at_rest: bool, kp: str
 ) -> tuple[Result, list[dict[str, Any]]]:
-    """What a file's recordings tell of the motor; and what the records themselves say of stability, which is printed."""
+    """The motor from a file's recordings; the records' own evidence of stability is printed."""
     from servobench.cli.conclusion import conclude
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.recordings import evidence_of, load_all
@@ -266,7 +266,7 @@ def _of_a_system(out: Console, system: TransferFunction) -> dict[str, Any]:
 
 
 def _margin_sentences(loop: ProportionalLoop) -> tuple[str, ...]:
-    """What margins a stable loop has; nothing for another one."""
+    """The margins of a stable loop; nothing for an unstable one."""
     from servobench.core.rounding import plain
 
     left = loop.margins

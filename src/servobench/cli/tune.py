@@ -163,7 +163,7 @@ def _loop_output(text: str) -> Output:
 
 
 def _positive(option: str, text: str | None, si: str) -> float | None:
-    """What an option says, in its SI unit."""
+    """The value of an option in its SI unit."""
     from servobench.core.errors import UnitError, UsageError
     from servobench.core.units import quantity
 

@@ -99,7 +99,7 @@ def watch(
 
 
 def _wish(until: str | None) -> Mapping[str, float] | None:
-    """What is to be known: None for what is enough for most."""
+    """The wish for intervals; None for the default."""
     from servobench.identification.design.stopping_rule import parse_wish
 
     return None if until is None or until.strip() == KNOWN else parse_wish(until)

@@ -16,7 +16,7 @@ LARGEST_VALUE = 1e30
 """The largest value of a channel, in any unit: 64-bit counters end at 1.8e19, and powers of it stay within a float."""
 
 SMALLEST_VALUE = 1e-30
-"""What is smaller is zero: no sensor tells it from nothing."""
+"""Smaller values count as zero: no sensor resolves them."""
 
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1e6
 """Between these lies the sample time of any motor [s]."""
@@ -40,7 +40,7 @@ class Channel:
     """
 
     name: str
-    """What it is called, such as `counts`."""
+    """Its name, such as `counts`."""
     unit: str | None
     minimum: float | None = None
     maximum: float | None = None
@@ -69,7 +69,7 @@ class Sample:
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceInfo:
-    """What a device is: its name, serial number, channels, and its delay from a write to the shaft [s].
+    """A device's description: its name, serial number, channels, and its delay from a write to the shaft [s].
 
     `timing` says who keeps the time: the caller's virtual clock, the host's clock, or the device itself.
     `settings` are the settings it was opened with, for the record.

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class ServobenchError(Exception):
-    """What all errors of this package are; `exit_status` is what a command ends with."""
+    """Base of all errors of this package; `exit_status` is the status that a command ends with."""
 
     exit_status: ClassVar[int] = 1
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 
 class Role(StrEnum):
-    """What a finding contributes to the question why a fit is bad."""
+    """A finding's part in explaining a bad fit."""
 
     NOTE = "note"
     """Nothing."""

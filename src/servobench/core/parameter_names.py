@@ -105,6 +105,6 @@ def _row(name: str) -> tuple[ParameterName | None, str]:
 
 
 def _kind(symbol: str) -> str:
-    """What an input in a unit is called."""
+    """The name of an input in a unit."""
     quantity = unit(symbol).quantity if is_unit(symbol) else "input"
     return quantity if quantity in _OF_THE_INPUT else "input"

@@ -162,11 +162,11 @@ def _home(found: object) -> str:
 
 @cache
 def _plug_ins() -> Any:  # of another type in Python 3.11 than later, with the same `select`
-    """What all packages offer; looking for it takes a while, and is done once for all kinds."""
+    """The entry points of all packages; the search takes a while and is done once for all kinds."""
     return entry_points()
 
 
 def _prefix(form: str) -> str:
-    """What all names of a form begin with: its letters up to the first choice or capital."""
+    """The common beginning of all names of a form: its letters up to the first choice or capital."""
     found = re.match("[a-z_]*", form)
     return found[0] if found else ""

@@ -219,7 +219,7 @@ else:
 
 
 class Settings(_Model):
-    """What all settings are: frozen, and without a place for a misspelt name."""
+    """Base of all settings: frozen, and strict about unknown names."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
@@ -247,7 +247,7 @@ def with_units(settings: Settings, units: Mapping[str, str] | None = None) -> di
 
 
 def _marks(annotation: Any) -> list[object]:
-    """What types inside a type are marked with, as the numbers in a tuple are with their unit."""
+    """The markers of types inside a type, such as the unit of the numbers in a tuple."""
     own = list(getattr(annotation, "__metadata__", ()))
     inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
     return own + [mark for each in inner for mark in _marks(each)]

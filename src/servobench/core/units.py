@@ -137,7 +137,7 @@ class Unit:
 
     @property
     def quantity(self) -> str:
-        """What the unit measures."""
+        """The quantity that the unit measures."""
         return _QUANTITIES.get(self.dimension, "other")
 
     @property

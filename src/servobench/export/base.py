@@ -16,7 +16,7 @@ from servobench.export.summary import ResultSummary
 
 @dataclass(frozen=True, kw_only=True)
 class Wishes:
-    """What the user of an export may say about it; None where nothing is said.
+    """The user's options for an export; None where not given.
 
     `unit` is the unit of position to export in (`rev`, `deg`); `sample_time` [s] that of the controller that will run;
     `inertia` [kg·m²] of everything that turns, which a speed and a voltage alone don't tell; `closed_loop` [s] the time

@@ -256,7 +256,7 @@ def _turn(unit: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class _Vectors:
-    """What the controller is given and gives, tick by tick: references and measurements (N,), volts (N,)."""
+    """The controller's inputs and outputs, tick by tick: references and measurements (N,), volts (N,)."""
 
     references: Array
     measured: Array

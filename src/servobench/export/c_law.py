@@ -175,7 +175,7 @@ _STATE_FEEDBACK = """\
 
 
 class _Law(NamedTuple):
-    """What a kind of controller adds to the text: its numbers with a comment each, its states, and its lines."""
+    """A controller kind's part of the text: its numbers with a comment each, its states, and its lines."""
 
     numbers: Mapping[str, tuple[float, str]]
     states: tuple[str, ...]
@@ -298,7 +298,7 @@ def text_of_law(tuned: TunedLaw, counts_per_rev: float, name: str) -> str:
 
 
 def _law_of(controller: Tunable, sample_time: float) -> _Law:
-    """What a kind adds, as its file and `control.kernels` have it."""
+    """A kind's part, as in its file and `control.kernels`."""
     speed = controller.output == "speed"
     unit = "V s/rad" if speed else "V/rad"
     if isinstance(controller, Pid):

@@ -52,7 +52,7 @@ class RobotConstants:
 
     @property
     def mechanism(self) -> str:
-        """What WPILib calls a mechanism with these constants: `Arm`, `Elevator`, or `SimpleMotor`."""
+        """WPILib's name of a mechanism with these constants: `Arm`, `Elevator`, or `SimpleMotor`."""
         return (
             "Arm" if "kCos" in self.feedforward else "Elevator" if "kG" in self.feedforward else "SimpleMotor"
         )
@@ -191,7 +191,7 @@ def _range_note(answer: ResultSummary) -> list[str]:
 
 
 def _margin_note(gains: Tuning) -> list[str]:
-    """What to know of a loop whose margin the intervals don't warrant."""
+    """A warning about a loop whose margin the intervals don't warrant."""
     if gains.phase_margin[1] >= SAFE:
         return []
     return [

@@ -22,7 +22,7 @@ LATE = f"the driving page shows the motor more than {LAG} s late: its computer o
 
 
 class Rows(Protocol):
-    """What knows when rows came; `frames.History` is one."""
+    """An object that knows when rows came; `frames.History` is one."""
 
     def came(self, number: int) -> float | None:
         """Return when the row of that number came [s, monotonic], None where it hasn't come yet."""
@@ -30,7 +30,7 @@ class Rows(Protocol):
 
 
 class Attention:
-    """What one page has said of itself, at monotonic times [s]."""
+    """The reports of one page about itself, at monotonic times [s]."""
 
     def __init__(self) -> None:
         self._heard = -math.inf

@@ -125,7 +125,7 @@ class Capture:
 
 
 class Captures:
-    """What is recorded of a device: one recording at a time, `now`, in folders of a library.
+    """The recordings of a device: one at a time, `now`, in folders of a library.
 
     `changed` is called where one begins, `ended` with its outcome and what went wrong, empty where nothing did.
     """
@@ -186,7 +186,7 @@ class Captures:
             await self._end_task(self.now)
 
     def _end_task(self, taking: Capture) -> asyncio.Task[None]:
-        """What takes note of a recording's end; it happens once."""
+        """The callback for a recording's end; it is called once."""
         if taking.ending is None:
             taking.ending = asyncio.get_running_loop().create_task(self._end(taking))
         return taking.ending

@@ -104,7 +104,7 @@ def _type(annotation: Any) -> str:
 
 
 def _parts(key: str, annotation: Any) -> dict[str, Any] | None:
-    """What each of several signals in a setting comes with, None of a setting that holds no signals.
+    """The fields that each of several signals in a setting has, None for a setting without signals.
 
     `each` is what one is called. `signal` is the name by which a part has its signal, beside settings of its own (`fields`); None
     where it is the signal itself.

@@ -14,7 +14,7 @@ from servobench.rig.experiment import Experiment
 
 
 class LoopContext(Protocol):
-    """What opens a loop's device and ends the loop, as `LoopProcess`; its `warnings` come while it does so, too."""
+    """The interface that opens a loop's device and ends the loop, as `LoopProcess`; its `warnings` may come meanwhile."""
 
     def __enter__(self) -> Loop:
         """Open the device and begin."""
@@ -37,7 +37,7 @@ class LoopContext(Protocol):
 
     @property
     def danger(self) -> str:
-        """What is wrong at the motor after the end, with what to do; empty where nothing is."""
+        """Problems at the motor after the end, with what to do; empty if there are none."""
         ...
 
     @property

@@ -32,7 +32,7 @@ _SHOWN = 10.0  # seconds of a signal that neither repeats nor ends
 
 @runtime_checkable
 class Symbolic(Protocol):
-    """What a member of a kind may have besides: how the field writes it in a block.
+    """An optional method of a member of a kind: how a block shows it.
 
     One text, or a numerator and a denominator; what stands in `^{}` is raised, in `_{}` lowered.
     """
@@ -70,7 +70,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class Wire:
-    """What goes from one block, the source, to another, the target, by their ids; `label` says what it is."""
+    """A wire from one block, the source, to another, the target, by their ids; `label` names it."""
 
     source: str
     target: str
@@ -252,7 +252,7 @@ def _device(experiment: Experiment, info: DeviceInfo) -> tuple[list[Block], list
 
 
 def _device_settings(experiment: Experiment, info: DeviceInfo) -> Iterator[Setting]:
-    """What the experiment says of the device, and what the device says of itself."""
+    """The device by the experiment's settings and by its own description."""
     yield Setting(name="name", value=experiment.device.name, sentence="Name of the device")
     yield Setting(name="serial", value=info.serial, sentence="Serial number")
     yield Setting(name="timing", value=info.timing, sentence="What keeps the time")
@@ -301,7 +301,7 @@ def _sensor(channel: Channel) -> Block:
 
 
 def _channel_settings(channel: Channel) -> Iterator[Setting]:
-    """What a device says of a channel, as far as it does."""
+    """A channel by the device's description, as far as it has one."""
     unit = channel.unit or ""
     said = (
         ("minimum", channel.minimum, unit, "Smallest value"),
@@ -340,7 +340,7 @@ def _pick(experiment: Experiment, names: Sequence[str]) -> tuple[Setting, ...]:
 
 
 def _stages(info: DeviceInfo, chain: Chain) -> Iterator[Block]:
-    """What is done to the counts before they are looked at: what the counter asks for, and the stages of the chain."""
+    """The processing of the counts: for the counter's range, and the stages of the chain."""
     counts = info.channel("counts")
     stages = [_stage(f"stage{number}", each, "chain") for number, each in enumerate(chain.stages, start=1)]
     if counts is not None and counts.counter_bits is not None:
@@ -408,7 +408,7 @@ def _scope(chain: Chain) -> Block:
 
 
 def _identification(experiment: Experiment, chain: Chain) -> Block:
-    """What is identified, through the same chain."""
+    """The identification, through the same chain."""
     prediction = "The stages that the model's prediction passes through, so that their lag isn't attributed to the motor"
     return Block(
         id="identification",
@@ -439,5 +439,5 @@ def _labels(experiment: Experiment) -> dict[str, str]:
 
 
 def _read(block: Block) -> str:
-    """What is read from a block of the device."""
+    """The readings of a device block."""
     return {"encoder": "counts"}.get(block.id, block.title.removesuffix(" sensor"))

@@ -91,7 +91,7 @@ async def check_exercise(request: Request, work: Work) -> JSONResponse:
 
 
 class _Facts(Mapping[str, Fact]):
-    """What is known so far for an exercise's answers; raises what keeps a fact from being told."""
+    """The facts found so far for an exercise's answers; raises the error that keeps one from being found."""
 
     def __init__(self) -> None:
         self._found: dict[str, Fact] = {}
@@ -157,7 +157,7 @@ def _folder(request: Request) -> Path:
 
 
 def _error_text(error: ServobenchError, folder: Path) -> str:
-    """What is wrong, with the names of files alone: who reads it in a browser needn't know where they lie."""
+    """The error message with names of files only, as their folders don't belong in a browser."""
     return str(error).replace(f"{folder}{os.sep}", "")
 
 
@@ -217,7 +217,7 @@ def _answers(body: bytes) -> dict[str, str]:
 
 
 def _settable(experiment: Experiment) -> dict[str, Any]:
-    """What a page sets to have this experiment before it."""
+    """The settings with which a page shows this experiment."""
     return {
         "signal": TypeAdapter(AnySignal).dump_python(experiment.signal, mode="json"),
         "controller": TypeAdapter(AnyController).dump_python(experiment.controller, mode="json"),

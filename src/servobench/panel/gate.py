@@ -31,7 +31,7 @@ Body: TypeAlias = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class Asks:
-    """What a route asks of a request, beside the right host and no foreign page behind it, which all do.
+    """The requirements of a route, beside the right host and no foreign page behind the request, which all have.
 
     `session`: the session's cookie. `own_page`: that a page of ours asks, as the browser says itself. `origin`: that the page's
     origin is said and is ours. `local_page`: that a page from the file system may ask as well, whose origin is null. `token`: the
@@ -58,7 +58,7 @@ class Refused(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Door:
-    """What is let in: the hosts, names by which this server may be asked for with the port as browsers send it, and the keys.
+    """Accepted requests: the hosts, names by which this server may be asked for with the port as browsers send it, and the keys.
 
     `scheme` is how browsers have to reach it.
     """

@@ -11,7 +11,7 @@ from typing import Literal
 
 Role = Literal["operator", "viewer"]
 Carrier = Literal["link", "local page", "code"]
-"""What brings a key: a printed link; a page in the file system, whose form has it; a person, who types it into a page of ours."""
+"""The ways in which a key comes: a printed link; the form of a page in the file system; typed by a person."""
 
 KEY_TIME = 12 * 3600.0  # s; how long a printed link or code opens the panel
 LOCAL_TIME = (

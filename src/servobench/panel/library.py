@@ -49,7 +49,7 @@ class About:
     columns: str = ""
     """Of an imported file: "open" where the user has to say what its columns are, "said" or "known" where that is known."""
     warnings: tuple[str, ...] = ()
-    """What reading it warns of, such as that its file was damaged and the end is missing: a sentence each."""
+    """Warnings from reading it, such as a damaged file whose end is missing: a sentence each."""
 
 
 def check_name(name: object) -> str:
@@ -291,7 +291,7 @@ def about_in(folder: Path) -> About:
 
 
 def _as(kind: type[Any], given: Any) -> Any:
-    """What about.json says of one thing as what it has to be; raises `ValueError`, `TypeError` where it can't be that."""
+    """A value from about.json in its type; raises `ValueError`, `TypeError` if it hasn't that type."""
     if kind is not tuple:
         return kind(given)
     if not isinstance(given, list) or not all(isinstance(each, str) for each in given):

@@ -44,7 +44,7 @@ _RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their 
 
 
 class Look(NamedTuple):
-    """What a look came to.
+    """The outcome of a look.
 
     Residuals (N,) of rows from number `first` on [rad], NaN where there are none; `reached` is the number of the first row that
     may get one later.
@@ -74,7 +74,7 @@ class Look(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class LiveSpec:
-    """What it has to know.
+    """The settings of the process.
 
     The names of the rings: the loop's rows, those that it publishes what it has seen and its messages in, and that of wishes;
     the columns in which the loop's rows have `t`, `applied`, `counts` and the times of writing; the device's info as JSON holds

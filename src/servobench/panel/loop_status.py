@@ -15,7 +15,7 @@ _LIMITED_FOR = 0.5  # s for which a limit's light stays on
 
 @dataclass
 class LoopStatus:
-    """What a loop has said since it began.
+    """The messages of a loop since it began.
 
     `enabled`: whether it lets the controller's voltage through. `fault` has the fault that holds it, by texts; None without one.
     `late` and `missed` count ticks. `heard` is the number of the last command that it has taken,

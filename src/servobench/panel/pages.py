@@ -45,7 +45,7 @@ UPLOT = ("uPlot.iife.js", "uPlot.min.css")
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What the answers are made from: the motor, the library of recordings, the door that says who comes in, the jobs."""
+    """The parts that routes use: the motor, the library of recordings, the door (access control), the jobs."""
 
     motor: MotorSession
     library: Library
@@ -158,7 +158,7 @@ async def uplot(request: Request, panel: Panel) -> Response:
 
 
 async def session(request: Request, panel: Panel) -> Response:
-    """What the page needs to know of itself: above all the token that it has to show."""
+    """The page's own settings, above all the token that it has to send."""
     own = request.state.session
     return as_json(
         {
@@ -172,7 +172,7 @@ async def session(request: Request, panel: Panel) -> Response:
 
 
 async def catalogue(request: Request, panel: Panel) -> Response:
-    """What can be chosen."""
+    """The choices."""
     return as_json(await asyncio.to_thread(_catalogue))
 
 
@@ -208,7 +208,7 @@ async def exercise(request: Request, panel: Panel) -> Response:
 
 
 async def exercise_results(request: Request, panel: Panel) -> Response:
-    """What an exercise's studies find."""
+    """The results of an exercise's studies."""
     _outside_of_assessments(panel)
     return await show_results(request, panel.work)
 

@@ -21,7 +21,7 @@ from servobench.systems.signals.sequence import Sequence
 from servobench.systems.signals.sum import Sum
 
 COLUMNS = 560
-"""What a signal is drawn in at most: two for each unit of the page's drawing."""
+"""The most points of a drawn signal: two for each unit of the page's drawing."""
 LEAST_SAMPLES = 20
 """So many are drawn, however short the time that was asked for: two of them would look like any signal."""
 MOST_WORK = 8e6

@@ -100,7 +100,7 @@ class Live(Protocol):
 
 
 class News(NamedTuple):
-    """What came from the loop since the last look: events, and the `values` of rows (N, 13) from number `first` on.
+    """News from the loop since the last look: events, and the `values` of rows (N, 13) from number `first` on.
 
     `late` and `missed` count ticks since the run began. `limited` is the time of the last row whose voltage was limited [s], NaN
     where that is none of these. `live` is a message of what is known of the motor, as JSON, empty where none is due. `ended` says
@@ -187,7 +187,7 @@ class Pump(Thread):
         return self._loop.ended if silent else None
 
     def _identification_news(self) -> str:
-        """What identification says that is new; where it has ended by itself, that, once."""
+        """News from the identification; if it has ended by itself, that, once."""
         if self._live is None:
             return ""
         if why := self._live.ended:
@@ -200,7 +200,7 @@ class Pump(Thread):
         return min(max(seen[-1].reached - self._rows.next, 0), _MOST) if seen else 0
 
     def _display_rows(self, rows: Array) -> Array:
-        """What rows show; another chain counts from the row on that its command was in force."""
+        """The rows for display; a new chain applies from the row on at which its command took effect."""
         if not len(rows):
             return self._scope.take(rows)
         self._count(rows)

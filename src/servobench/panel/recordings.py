@@ -110,7 +110,7 @@ async def rows(request: Request, panel: Panel) -> Response:
 
 
 async def identify_one(request: Request, panel: Panel) -> Response:
-    """What one says about the motor.
+    """The result of a recording.
 
     Raises `UsageError` for a structure that is no name, `Refused` where nobody has said what its columns are.
     """
@@ -151,7 +151,7 @@ async def identification_ended(request: Request, panel: Panel) -> Response:
 
 
 async def result(request: Request, panel: Panel) -> Response:
-    """What was identified from one, as it was answered then; raises `Refused` where nothing is, or not with these columns."""
+    """The stored result of a recording; raises `Refused` if there is none, or not for these columns."""
     name = _name(request)
     found = await asyncio.to_thread(panel.library.result, name)
     if found is None:
@@ -210,7 +210,7 @@ async def upload(request: Request, panel: Panel) -> Response:
 
 
 async def columns(request: Request, panel: Panel) -> Response:
-    """What is asked about an imported file's columns, with what was answered already."""
+    """The questions about an imported file's columns, with the answers so far."""
     return as_json(await asyncio.to_thread(_questions, panel, _name(request)))
 
 

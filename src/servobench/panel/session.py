@@ -50,7 +50,7 @@ def own_process(experiment: Experiment) -> LoopContext:
 
 
 class MotorSession:
-    """What the pages share. `experiment` says what is there at the start; `loop_of` makes the loop of an experiment.
+    """The state that pages share. `experiment` says what is there at the start; `loop_of` makes the loop of an experiment.
 
     `live_of` makes what identifies it meanwhile.
 
@@ -122,12 +122,12 @@ class MotorSession:
 
     @property
     def danger(self) -> str:
-        """What is wrong at a motor whose loop has ended, with what to do; empty where nothing is."""
+        """Problems at a motor whose loop has ended, with what to do; empty if there are none."""
         return "\n".join(self._dangers.values())
 
     @property
     def last_word(self) -> str:
-        """What is known of the motor after `close`."""
+        """The state of the motor after `close`."""
         return self.danger or ("the motor is at rest" if self._rested else "the motor was not driven")
 
     async def open(self, experiment: Experiment) -> None:

@@ -70,7 +70,7 @@ class Panel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
-    """What happened in one record: panels above each other, which share their time, under a title."""
+    """The data of one record: panels above each other with a common time axis, under a title."""
 
     panels: tuple[Panel, ...]
     title: str = ""

@@ -90,7 +90,7 @@ def _head(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
 
 
 def _history(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
-    """What was asked, what happened, and where it was recorded."""
+    """The experiment, its course, and its recording."""
     runs = [history.run_history(recording) for recording in recordings]
     runs = runs or [history.dataset_history(data) for data in result.data]
     return {

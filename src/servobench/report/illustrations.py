@@ -260,5 +260,5 @@ def _short(name: str, longest: int = 40) -> str:
 
 
 def _more(records: int) -> str:
-    """What to say where not all records are shown."""
+    """A sentence for the case that not all records are shown."""
     return f" {MOST_RECORDS} of {records} records are shown." if records > MOST_RECORDS else ""

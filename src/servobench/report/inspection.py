@@ -26,7 +26,7 @@ from servobench.report.tables import Fact
 
 @dataclass(frozen=True, eq=False)
 class InspectionReport:
-    """What is in the recordings of a file, as a page that opens from disk without a network."""
+    """The content of a file's recordings, as a page that needs no network."""
 
     recordings: Sequence[Recording]
 
@@ -61,7 +61,7 @@ class InspectionReport:
 
 @dataclass(frozen=True, kw_only=True)
 class _Part:
-    """What the page says of one recording."""
+    """The page's section on one recording."""
 
     name: str
     support: str
@@ -98,7 +98,7 @@ def _part(recording: Recording, number: int) -> _Part:
 
 
 def _support(recording: Recording) -> tuple[str, tuple[str, ...], Dataset | None]:
-    """What the recording can be used for, what has to be said before, and the data where nothing has."""
+    """What the recording can be used for, what has to be stated first, and the data if nothing has."""
     try:
         data = measure(assign(recording))
     except MissingInformation as error:

@@ -199,7 +199,7 @@ def _note(ax: Axes, x: float, text: str, palette: Palette) -> None:
 
 
 def _real_span(parts: Sequence[float]) -> tuple[float, float]:
-    """What of the real axis to show: all poles and zero, with room on both sides."""
+    """The shown part of the real axis: all poles and zero, with room on both sides."""
     low, high = min([*parts, 0.0]), max([*parts, 0.0])
     size = max(high - low, 1e-12)
     return low - 0.35 * size, high + 0.3 * size

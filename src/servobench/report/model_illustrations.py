@@ -146,7 +146,7 @@ def _band_part(what: str, half: float, span: float, unit: str) -> str:
 
 
 def _visibility_text(width: float, span: float) -> str:
-    """What of a band can be seen where a curve over that span fills its panel."""
+    """The visible part of a band if a curve over that span fills its panel."""
     return "thinner than the line" if width < _LINE_WIDTH * span else "light blue"
 
 

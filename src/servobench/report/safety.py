@@ -51,7 +51,7 @@ def _clipping(limits: Limits, recording: Recording) -> tuple[Row, ...]:
 
 
 def _monitors(limits: Limits, device: DeviceInfo, sample_time: float, recording: Recording) -> list[Row]:
-    """What each monitor watched, prepared as it was for the run."""
+    """The monitors, prepared as for the run."""
     from servobench.rig.devices.guard.base import MONITORS, Rig
     from servobench.rig.devices.guard.nominal import nominal_motor
 

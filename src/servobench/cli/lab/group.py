@@ -42,7 +42,7 @@ def about() -> None:
 
 
 def _new_form(words: Sequence[str]) -> str:
-    """What to type behind `servobench lab` in place of words from the time when it was a single command."""
+    """The new form of a command line from the time when `servobench lab` was a single command."""
     given = {word.partition("=")[0] for word in words}
     name = words[0] if words and not words[0].startswith("-") else "NAME"
     if "--marks" in given:

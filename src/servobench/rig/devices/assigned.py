@@ -60,7 +60,7 @@ class Assigned:
 
     @property
     def info(self) -> DeviceInfo:
-        """What the motor says of itself: its channels, and none of its settings."""
+        """The motor's description: its channels, and none of its settings."""
         return replace(self._twin.info, name=NAME, settings=())
 
     def __enter__(self) -> Self:

@@ -51,7 +51,7 @@ class Device(Protocol):
 
     @property
     def info(self) -> DeviceInfo:
-        """What the device is, before it is connected, too; it has the channels `voltage` and `counts` at least."""
+        """The device's description, also before it is connected; it has the channels `voltage` and `counts` at least."""
         ...
 
     def __enter__(self) -> Self:
@@ -93,7 +93,7 @@ class Device(Protocol):
 
 @runtime_checkable
 class Lit(Protocol):
-    """What a device with a light can do besides; a guard shows by it whether the motor is driven or has failed."""
+    """Optional methods of a device with a light; a guard shows by it whether the motor is driven or has failed."""
 
     def light(self, red: float, green: float, blue: float) -> None:
         """Light the lamp in that colour, each part from 0 to 1."""
@@ -102,7 +102,7 @@ class Lit(Protocol):
 
 @runtime_checkable
 class Preloaded(Protocol):
-    """What a device can do besides that puts voltages out by its own clock; a run tells it all of them, where it knows them."""
+    """Optional methods of a device that puts voltages out by its own clock; a run hands over all of them if it knows them."""
 
     def preload(self, voltages: Array) -> None:
         """Take the voltages (N,) [V] of the next run in advance; its writes may differ, and go before; changes `info`."""

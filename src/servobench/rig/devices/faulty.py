@@ -60,7 +60,7 @@ class Faulty:
 
     @property
     def info(self) -> DeviceInfo:
-        """What the device says of itself, its faults among its settings."""
+        """The device's description, with the faults among its settings."""
         info = self.device.info
         for fault in self._faults:
             info = fault.info_shown(info)
@@ -70,7 +70,7 @@ class Faulty:
         return replace(info, settings=(*info.settings, (SETTING, told)))
 
     def __getattr__(self, name: str) -> Any:
-        """What a device can do beside being one, such as to light its lamp, it does as before."""
+        """Optional methods, such as that of a light, are those of the inner device."""
         if name == "device":  # a copy that has none yet would recurse without end
             raise AttributeError(name)
         return getattr(self.device, name)

@@ -95,7 +95,7 @@ class Guarded:
 
     @property
     def info(self) -> DeviceInfo:
-        """What the inner device is."""
+        """The inner device's description."""
         return self.device.info
 
     @property
@@ -446,7 +446,7 @@ class Guarded:
         return sample
 
     def _hold_output(self, commanded: float) -> float:
-        """What is put out in place of a voltage while a fault is latched."""
+        """The voltage while a fault is latched."""
         if self._ends or self._silent:
             self._attempt_again()
             self._end()

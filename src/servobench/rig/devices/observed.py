@@ -12,7 +12,7 @@ from servobench.rig.devices.base import Device, voltage_or_nan
 
 
 class Call(IntEnum):
-    """What the thread that drives a device is doing: one of the device's calls, or the work between two ticks' calls."""
+    """The activity of the thread that drives a device: one of the device's calls, or the work between two ticks' calls."""
 
     NONE = 0
     OPEN = 1
@@ -25,7 +25,7 @@ class Call(IntEnum):
 
 
 class Observer(Protocol):
-    """Whoever wants to know about a device's calls. Each tick waits for it, so it must be quick; it never raises."""
+    """An observer of a device's calls. Each tick waits for it, so it must be quick; it never raises."""
 
     def began(self, call: Call) -> None:
         """Take note of a call that the driving thread begins."""
@@ -59,11 +59,11 @@ class Observed:
 
     @property
     def info(self) -> DeviceInfo:
-        """What the inner device is."""
+        """The inner device's description."""
         return self.device.info
 
     def __getattr__(self, name: str) -> Any:
-        """What a device can do beside being one, such as to light its lamp, it does as before."""
+        """Optional methods, such as that of a light, are those of the inner device."""
         if name == "device":  # a copy that has none yet would recurse without end
             raise AttributeError(name)
         return getattr(self.device, name)

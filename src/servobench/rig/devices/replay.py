@@ -31,7 +31,7 @@ class ReplaySettings(Settings):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Track:
-    """What is played, sample by sample: times (N,) [s] if there are any, counts, the input then, and sensors by their names."""
+    """The replayed samples: times (N,) [s] if there are any, counts, the input then, and sensors by their names."""
 
     t: Array | None
     counts: Array

@@ -44,7 +44,7 @@ FAULTS = {
     "brown_out": "its supply broke down and the board restarted itself; the position is lost. Give motor and board supplies of "
     "their own",
 }
-"""What each fault of the firmware means to whoever sits beside the motor."""
+"""The meaning of each fault of the firmware for the person beside the motor."""
 
 
 class RigSettings(Settings):
@@ -107,7 +107,7 @@ class Rig:
 
     @property
     def info(self) -> DeviceInfo:
-        """What it is; with voltages that the board puts out by its own clock it states the delay of that."""
+        """The device's description; if the board puts voltages out by its own clock, with the delay of that."""
         supply = self.settings.supply
         voltage = Channel(
             name="voltage", unit="V", minimum=-supply, maximum=supply, resolution=supply / self._full
@@ -392,7 +392,7 @@ class Rig:
         return round(part * self._full)
 
     def _due(self) -> int | None:
-        """What the table has for the sample that was read last; None after its end."""
+        """The table's voltage for the sample that was read last; None after its end."""
         return self._table[self._tick] if self._tick < len(self._table) else None
 
     def _keep_filled(self) -> None:

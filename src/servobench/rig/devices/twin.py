@@ -167,7 +167,7 @@ class Twin:
 
     @property
     def info(self) -> DeviceInfo:
-        """What the twin says of itself: as a real device, it doesn't tell its hidden truths."""
+        """The twin's description: like a real device, it doesn't reveal its parameters."""
         counts = Channel(
             name="counts",
             unit="counts",

@@ -68,7 +68,7 @@ class DeviceChoice(Settings):
 
 
 class WhenLate(Settings):
-    """What is done about ticks that have gone by, where the host keeps the time; `HostClock` has the exact rules."""
+    """The policy for missed ticks when the host keeps the time; `HostClock` has the exact rules."""
 
     missed: Missed = "discard"
     """Leave whole ticks that have gone by out ("discard"), or do them late ("process")."""
@@ -98,13 +98,13 @@ class Experiment(Settings):
     sample_time: PositiveTime = 0.002
     """Time between two ticks [s]."""
     controller: AnyController = OpenLoop()
-    """What turns the reference and a sample into a voltage."""
+    """The law from reference and sample to voltage."""
     device: DeviceChoice = DeviceChoice()
     """The device to run it on."""
     limits: Limits = Limits()
     """The limits of the output, and the conditions that end a run."""
     when_late: WhenLate = WhenLate()
-    """What is done about ticks that have gone by."""
+    """The policy for missed ticks."""
     seed: Seed = 0
     """Seed of simulated noise; None (in a file "random") takes another one for each run."""
     chain: Text = ""
@@ -151,7 +151,7 @@ class Experiment(Settings):
         return to_toml(self)
 
     def _pace_findings(self) -> tuple[Finding | None, ...]:
-        """What there is to say about the signal's speed and the time that it is given."""
+        """Findings on the signal's speed and duration."""
         shortest, period = self.signal.shortest_change, self.signal.period
         too_fast = part = None
         if shortest is not None and shortest < self.sample_time * (1 - 1e-9):
@@ -168,7 +168,7 @@ class Experiment(Settings):
         return too_fast, part
 
     def _level_findings(self) -> tuple[Finding | None, ...]:
-        """What there is to say about the signal's values, where they are the voltage."""
+        """Findings on the signal's values, if they are the voltage."""
         if not isinstance(self.controller, OpenLoop):
             return ()
         ticks = np.arange(min(self.samples or _MOST_EVALUATED, _MOST_EVALUATED), dtype=np.float64)

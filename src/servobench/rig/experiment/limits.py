@@ -138,9 +138,9 @@ class Limits(Settings):
     plausibility: Annotated[Plausibility | None, none_for("off")] = Plausibility()
     """The motor that the encoder is compared with; None (in a file "off") for nothing."""
     start: Outputs = Outputs()
-    """What is put out once the first sample is due, until the run's first voltage; before that 0 V."""
+    """The voltage from the first sample's time until the run's first voltage; before that 0 V."""
     terminate: Outputs = Outputs()
-    """What is put out in place of any voltage while a fault is latched, and as the last before the device is stopped."""
+    """The voltage while a fault is latched, and the last one before the device is stopped."""
     watchdog: Watchdog = Watchdog()
     """When a device that is no longer driven is cut off, and its output then."""
     driven_light: Light = "green"

@@ -207,7 +207,7 @@ def _decode(data: bytes, name: str) -> str:
 
 
 def _line_text(text: str, line: int) -> str:
-    """What stands in a line, and what in it is often the mistake."""
+    """The content of a line, and its likely mistake."""
     lines = text.split("\n")
     stands = lines[line - 1].strip() if line <= len(lines) else ""
     if not stands:

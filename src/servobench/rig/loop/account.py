@@ -77,7 +77,7 @@ class Account:
         return (*findings, *self._pace())
 
     def _pace(self) -> tuple[Finding, ...]:
-        """What there is to say of the clocks: the schedule's, the one by which samples were latched, and the samples' own."""
+        """Findings on the clocks: the schedule's, the one by which samples were latched, and the samples' own."""
         if self._first is None or self._last is None:
             return ()
         (first, began), (last, ended) = self._first, self._last

@@ -206,7 +206,7 @@ class _Loop:
         return [*every_tick, *(now_and_then(LOOK_EVERY, experiment.sample_time, each) for each in slow)]
 
     def _make_missed_rule(self, experiment: Experiment, device: Guarded, drive: Drive) -> list[Attendant]:
-        """What is done about too many missed ticks: nothing, a fault that is held, or the end."""
+        """The action for too many missed ticks: none, a fault that is held, or the end."""
         if self._spec.missed_go_on:
             return []
         rule = MissedTickRule(experiment.sample_time)

@@ -80,7 +80,7 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorder
 
 
 def _readable(part: Path) -> Recording | None:
-    """What is right in a part; None where there is nothing."""
+    """The intact content of a part; None if there is none."""
     try:
         return read(part)[0]
     except FormatError:  # it died before it had written what device it is, if it made the part at all
@@ -88,7 +88,7 @@ def _readable(part: Path) -> Recording | None:
 
 
 def _opening(found: Recording) -> Recording:
-    """What a part says of its recording, without samples; that it was cut short is no longer true."""
+    """The description of a part's recording, without samples and without the remark that it was cut short."""
     nothing = np.empty(0)
     series = tuple(replace(each, values=nothing, t=nothing) for each in found.series)
     findings = tuple(each for each in found.findings if each.code != CUT_SHORT)

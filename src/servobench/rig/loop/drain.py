@@ -235,7 +235,7 @@ class Drain:
         return round(float(row[self._scheduled]) / self._experiment.sample_time)
 
     def _findings(self) -> tuple[Finding, ...]:
-        """What the file lacks."""
+        """The rows missing from the file."""
         found = []
         if self._rows_missed:
             places = ", ".join(f"{count} after the first {first}" for first, count in self._gaps)

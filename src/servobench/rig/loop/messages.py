@@ -31,9 +31,9 @@ class Command(Settings):
     """
 
     signal: AnySignal | None = None
-    """What the controller follows from now on."""
+    """The new reference."""
     controller: AnyController | None = None
-    """What turns it into a voltage from now on."""
+    """The new controller."""
     enabled: bool | None = None
     """Whether the controller's voltage is applied; if not, zero volts."""
     chain: str | None = None
@@ -88,7 +88,7 @@ class Order:
 
 @dataclass(frozen=True, kw_only=True)
 class Notice:
-    """What the loop tells: one of the kinds below, when, and what it's about.
+    """An event from the loop: one of the kinds below, its time, and what it is about.
 
     `opened` (`info`: the device), `command` (`number`, `accepted`, `what`, `why`), `fault` (`code`, `sentence`), `acknowledged`,
     `ended` (`reason`, `sentence`, `findings`), `failed` (`error`, `sentence`: nothing was begun).

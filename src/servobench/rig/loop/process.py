@@ -207,7 +207,7 @@ class LoopProcess:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What `alarm` was told so far, after a look whether there is something new; also while it is being entered."""
+        """The alarms so far, after a look for new ones; also while the process is being started."""
         if self._begun:
             with suppress(UsageError):  # another thread has closed the ring just now
                 self._look_for_silence()
@@ -229,7 +229,7 @@ class LoopProcess:
 
     @property
     def danger(self) -> str:
-        """What is wrong at the motor after the end, in capitals, with what to do; empty where nothing is."""
+        """Problems at the motor after the end, in capitals, with what to do; empty if there are none."""
         return self._danger
 
     @property

@@ -113,7 +113,7 @@ class RecorderResult:
 
 
 class Signs(Protocol):
-    """What a recorder sees of the world beside the rings."""
+    """The recorder's surroundings beside the rings."""
 
     def wait(self) -> None:
         """Let `INTERVAL` pass."""
@@ -160,7 +160,7 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
 
 
 def _drain(spec: RecorderSpec, experiment: Experiment, rows: RowRing, events: MessageRing) -> Drain:
-    """What takes the rows and events that are to be recorded."""
+    """The sink for rows and events."""
     if spec.late is None:
         return Drain(spec.path, experiment, rows, events)
     info = info_from_json(spec.late.info)
@@ -404,7 +404,7 @@ class RecorderProcess:
         return self._went
 
     def _communicate(self, timeout: float, slow: Callable[[], None] | None) -> tuple[bytes, bytes]:
-        """What the process said to its end; raises `TimeoutExpired`, after which it may be asked again."""
+        """The output of the process up to its end; raises `TimeoutExpired`, after which it may be called again."""
         begin = min(SLOW, timeout)
         try:
             return self._process.communicate(timeout=begin)

@@ -41,7 +41,7 @@ ZERO_VOLTS = 8  # 1 where the device's output is known to be zero
 
 
 class Ring:
-    """What rings have in common: `name` to attach by, `slots` (a power of two), and `memory` for compiled code.
+    """Base of rings: `name` to attach by, `slots` (a power of two), and `memory` for compiled code.
 
     The last `slots` - 1 records can be read; in the slot of the oldest one the next may be being written. Leaving its context
     closes a ring, and removes the memory where it was created; those who are still attached keep what they have.

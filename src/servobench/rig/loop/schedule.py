@@ -34,7 +34,7 @@ class _Denied(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Scheduling:
-    """What was granted to a real-time process, and what was denied and why; one short phrase for each."""
+    """The real-time privileges granted and denied, with reasons; one short phrase for each."""
 
     granted: tuple[str, ...] = ()
     denied: tuple[str, ...] = ()
@@ -91,7 +91,7 @@ def _list_text(names: tuple[str, ...]) -> str:
 
 
 def _freeze_garbage() -> None:
-    """What is there now is never looked at again; nothing in a tick makes cycles, so that nothing gathers."""
+    """Freeze the garbage collector's objects; nothing in a tick makes cycles, so that nothing accumulates."""
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -36,7 +36,7 @@ class Silence:
     """A loop that doesn't go on, and what is known of the motor."""
 
     call: Call
-    """What its thread waits for."""
+    """The condition that its thread waits for."""
     duration: float
     """For how long by now [s]."""
     expected: float
@@ -52,7 +52,7 @@ class Silence:
 
     @property
     def sentence(self) -> str:
-        """What happened, as the beginning of a sentence, and what is known of the motor."""
+        """The event, as the beginning of a sentence, and the state of the motor."""
         known = "zero volts were confirmed" if self.zero_volts else "zero volts were not confirmed"
         if self.call is Call.BETWEEN:
             return (

@@ -36,7 +36,7 @@ Attendant: TypeAlias = Callable[[Place], Stopped | None]
 
 
 class Change(Protocol):
-    """What changes a run while it goes on; None leaves a thing as it is."""
+    """A change of a run in progress; None leaves a part unchanged."""
 
     @property
     def number(self) -> int:
@@ -45,12 +45,12 @@ class Change(Protocol):
 
     @property
     def signal(self) -> Signal | None:
-        """What the controller follows from then on; its own time begins there."""
+        """The new reference; its time begins there."""
         ...
 
     @property
     def controller(self) -> Controller | None:
-        """What controls from then on."""
+        """The new controller."""
         ...
 
     @property
@@ -60,7 +60,7 @@ class Change(Protocol):
 
 
 class Drive:
-    """What drives the motor at the moment: a signal, a controller with its state, and whether it is let through.
+    """The present driver of the motor: a signal, a controller with its state, and whether its voltage is passed on.
 
     `change` takes effect at the next tick, and without a bump where the controller's law can take over. What can't be taken over
     stays as it was; `refused` says why, by the change's number. `command` is the number of the last change in force.
@@ -80,7 +80,7 @@ class Drive:
         self._last = 0.0
         self.command = 0
         self.returned: object = 0.0
-        """What the controller returned last, whatever that is: its voltage, or all of it where it was no pair."""
+        """The controller's last return value: its voltage, or the whole value if it was no pair."""
         self.expected = "a finite number in V"
         self._watch_the_sign()
         self.refused: dict[int, str] = {}

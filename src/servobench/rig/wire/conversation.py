@@ -49,7 +49,7 @@ class Conversation:
 
     port: Port
     name: str
-    """What the port is called, for messages."""
+    """The port's name, for messages."""
     silent: float = field(default=0.0, init=False)
     """For how long nothing has come [s], by the port's own turns."""
     received: int = field(default=0, init=False)

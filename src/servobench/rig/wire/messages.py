@@ -24,13 +24,13 @@ class Field:
     """A field of a message."""
 
     name: str
-    """What it is called in `protocol.toml`."""
+    """Its name in `protocol.toml`."""
     kind: str
     """Its type, `u8` to `i32`."""
     count: int
     """How many of them there are."""
     meaning: str
-    """What it means, for people."""
+    """Its meaning, for people."""
 
     @property
     def format(self) -> str:
@@ -43,15 +43,15 @@ class Message:
     """A kind of message."""
 
     name: str
-    """What it is called in `protocol.toml`."""
+    """Its name in `protocol.toml`."""
     code: int
     """The first byte of its payload."""
     sender: Literal["host", "device"]
     """Who sends it."""
     meaning: str
-    """What it does, for people."""
+    """Its effect, for people."""
     fields: tuple[Field, ...]
-    """What follows the code and the sequence number (`u8` both)."""
+    """The fields behind the code and the sequence number (`u8` both)."""
 
     @property
     def struct(self) -> struct.Struct:

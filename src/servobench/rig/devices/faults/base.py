@@ -27,7 +27,7 @@ _SAME_TIME = 1e-6
 
 @runtime_checkable
 class Simulated(Protocol):
-    """What a simulated motor can do beside being a device, so that it can be disturbed where a real one can't."""
+    """Optional methods of a simulated motor, with which it can be disturbed where a real one can't."""
 
     def read_after(self, delay: float) -> Sample:
         """Latch the next sample some time [s] after its tick; in virtual time only."""
@@ -82,7 +82,7 @@ class Injection:
 
 
 class Fault(Settings, ABC):
-    """What all faults are: settings with units, the devices that can have it, and what it does in a run.
+    """Base of all faults: settings with units, the devices that can have it, and what it does in a run.
 
     Times are the device's own, counted from its first sample; a fault begins and ends at samples.
     """

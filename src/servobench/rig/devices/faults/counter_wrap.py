@@ -23,7 +23,7 @@ class CounterWrap(Fault):
     bits: Literal[16, 24, 32] = 16
     """Width of the counter."""
     start: int | None = None
-    """What the counter shows at the first sample; without it, what the device shows."""
+    """The count at the first sample; by default the device's own."""
 
     @model_validator(mode="after")
     def _start_can_be_shown(self) -> Self:

@@ -24,7 +24,7 @@ class Alarm(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Nominal:
-    """What is known of a motor beforehand, within 20 %: gain K [rad/(s·V)], time constant τ [s], Coulomb voltage [V].
+    """A motor as known beforehand, within 20 %: gain K [rad/(s·V)], time constant τ [s], Coulomb voltage [V].
 
     `resistance` of the winding [Ω] is None if unknown.
     """
@@ -37,7 +37,7 @@ class Nominal:
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """What a monitor is prepared for: limits, the device's `info`, the sample time [s], and the nominal motor if one is known."""
+    """A monitor's conditions: limits, the device's `info`, the sample time [s], and the nominal motor if one is known."""
 
     limits: Limits
     info: DeviceInfo
@@ -58,7 +58,7 @@ class Rig:
 
 
 class Motion:
-    """What the samples of a run say so far; one is made for a run, and every sample changes it.
+    """The state of a monitor in a run; every sample changes it.
 
     `time` of the last sample and `dt` since the one before [s]; `step` of the encoder since then and `position` since the start,
     both in counts and unwrapped by the half-range rule: of all steps that the counter may have made, the shortest.
@@ -135,7 +135,7 @@ class Monitor(Protocol):
     """Looks at each sample of one run; its state is of that run alone."""
 
     heading: ClassVar[str]
-    """What it watches, as the heading of a row."""
+    """The watched quantity, as the heading of a row."""
     codes: ClassVar[tuple[str, ...]]
     """The codes of its alarms and findings."""
 

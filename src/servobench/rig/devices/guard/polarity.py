@@ -67,7 +67,7 @@ class PolarityMonitor:
 
     @property
     def limit(self) -> str:
-        """What ends the run."""
+        """The reason for ending the run."""
         return "under feedback, a shaft that accelerates against the voltage, as with a reversed encoder"
 
     def check(self, motion: Motion) -> Alarm | None:

@@ -56,7 +56,7 @@ def recordable(sample: Sample) -> Sample | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Answers:
-    """What a device's `write` may return: the voltage that it puts out, within its range."""
+    """Check the return value of a device's `write`: the voltage that it puts out, within its range."""
 
     device: str
     """The device's name."""
