@@ -121,7 +121,7 @@ async def _perform(given: Said, viewer: Viewer, motor: MotorSession) -> Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class Action:
-    """A request that a page may send: the fields that it takes, whether only the operator may send it (it operates), and who carries it out.
+    """A page's request: the fields that it takes, whether it is the operator's (it operates), and who carries it out.
 
     `carry_out` gets the session, the viewer and what was said, and returns the answer.
     """
