@@ -111,7 +111,7 @@ def _show_handed_out(
     others = "others' answers pass"
     headings = ("blank", "asked of", "right answer", others, "what is asked for")
     show_table(console, headings, rows, right=(others,))
-    if sentence := _shared_forms_text(form_pass_rate(asked), same, passed):
+    if sentence := _forms_text(form_pass_rate(asked), same, passed):
         show_wrapped(console, Text(), sentence, hanging=0)
     for why, blanks in _blanks_by_reason(asked).items():
         show_wrapped(console, Text(f"{', '.join(blanks)}: "), _not_asked(why), hanging=2)
@@ -137,7 +137,7 @@ def _show_handed_out(
     )
 
 
-def _shared_forms_text(whole: float, same: Mapping[str, bool], passed: Mapping[str, float]) -> str:
+def _forms_text(whole: float, same: Mapping[str, bool], passed: Mapping[str, float]) -> str:
     """The sentence about whole forms, and about answers that are the same for everybody; empty with a single student."""
     if math.isnan(whole):
         return ""
