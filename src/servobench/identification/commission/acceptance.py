@@ -1,0 +1,213 @@
+"""The verb `commission`: all checks in their order, as far as each one permits the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from servobench._version import __version__
+from servobench.core.channels import DeviceInfo
+from servobench.core.errors import DeviceError, UsageError
+from servobench.core.json_numbers import finite
+from servobench.identification.commission.bench import Bench, CheckEnded
+from servobench.identification.commission.checks.base import Check, Outcome, State, in_order
+
+SCHEMA = "servobench.commission/1"
+STATES: tuple[State, ...] = ("verified", "failed", "unsupported", "unknown")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checked:
+    """One check with its outcome, and the names of its recordings."""
+
+    name: str
+    title: str
+    outcome: Outcome
+    recordings: tuple[str, ...] = ()
+    picture: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signature:
+    """Who signs the acceptance off, and on which day (ISO 8601)."""
+
+    name: str
+    date: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acceptance:
+    """What commissioning found: the device, the outcome of each check, when (ISO 8601, UTC), and why it ended early.
+
+    `device` are the device's settings as they were given, `ended` is empty where all checks had their turn.
+    """
+
+    info: DeviceInfo
+    checks: tuple[Checked, ...]
+    created: str
+    settings: tuple[tuple[str, str], ...] = ()
+    sample_time: float = 0.002
+    """Time between two samples [s]."""
+    voltage_limit: float = 0.0
+    """Largest voltage that a check might put out [V]."""
+    ended: str = ""
+    interrupted: bool = False
+    """Whether somebody asked for the end."""
+    signature: Signature | None = None
+    version: str = __version__
+
+    @property
+    def counts(self) -> dict[State, int]:
+        """How many checks came out in each state."""
+        return {state: sum(each.outcome.state == state for each in self.checks) for state in STATES}
+
+    @property
+    def failed(self) -> tuple[Checked, ...]:
+        """The checks that failed."""
+        return tuple(each for each in self.checks if each.outcome.state == "failed")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data of the schema `servobench.commission/1`."""
+        told: dict[str, Any] = finite(
+            {
+                "schema": SCHEMA,
+                "device": {
+                    "name": self.info.name,
+                    "serial": self.info.serial,
+                    "timing": self.info.timing,
+                    "settings": dict(self.settings),
+                },
+                "checks": [_told(each) for each in self.checks],
+                "counts": dict(self.counts),
+                "sample_time": self.sample_time,
+                "voltage_limit": self.voltage_limit,
+                "ended": self.ended,
+                "signed": asdict(self.signature) if self.signature else None,
+                "provenance": {"version": self.version, "created": self.created},
+            }
+        )
+        return told
+
+
+def _told(checked: Checked) -> dict[str, Any]:
+    outcome = checked.outcome
+    return {
+        "name": checked.name,
+        "title": checked.title,
+        "state": outcome.state,
+        "did": outcome.did,
+        "expected": outcome.expected,
+        "found": outcome.found,
+        "figures": [
+            {**asdict(each), "interval": list(each.interval) if each.interval else None}
+            for each in outcome.figures
+        ],
+        "remedy": outcome.remedy,
+        "recordings": list(checked.recordings),
+    }
+
+
+def commission(
+    bench: Bench,
+    created: str,
+    *,
+    begin: Callable[[str], None] | None = None,
+    end: Callable[[Checked], None] | None = None,
+) -> Acceptance:
+    """Carry out all checks in their order, and return what was found.
+
+    `begin` is told the title of each check, `end` its outcome. A check whose run is cut short has failed; after a failed check
+    that `halts`, a lost device or Ctrl-C the others aren't carried out. `created` is the time (ISO 8601, UTC).
+    Raises what the first run raises: `UsageError` for settings that the device refuses, `DeviceError` where it can't be opened;
+    `StorageError` at any time.
+    """
+    checks: list[Checked] = []
+    ended, interrupted = "", False
+    for name, kind in in_order():
+        if begin is not None and not ended:
+            begin(kind.title)
+        if ended:
+            outcome, sentence, by_hand = _left_out(ended), "", False
+        else:
+            outcome, sentence, by_hand = _carry_out(bench, name, kind())
+        ended, interrupted = ended or sentence, interrupted or by_hand
+        bench.outcomes[name] = outcome
+        checks.append(
+            Checked(
+                name=name,
+                title=kind.title,
+                outcome=outcome,
+                recordings=() if ended and not sentence else bench.taken(),
+                picture=kind.picture,
+            )
+        )
+        if end is not None:
+            end(checks[-1])
+    return Acceptance(
+        info=bench.info,
+        checks=tuple(checks),
+        created=created,
+        settings=bench.info.settings,
+        sample_time=bench.sample_time,
+        voltage_limit=bench.limit,
+        ended=ended,
+        interrupted=interrupted,
+    )
+
+
+def _carry_out(bench: Bench, name: str, check: Check) -> tuple[Outcome, str, bool]:
+    """The outcome of a check, why nothing comes after it (empty where something does), and whether somebody asked for that."""
+    bench.begin(name)
+    missing = [each for each in check.needs if not bench.settled(each)]
+    if missing:
+        titles = {other: kind.title for other, kind in in_order()}
+        return _left_out(f"“{titles[missing[0]]}” is {bench.outcomes[missing[0]].state}"), "", False
+    first = not bench.recordings
+    try:
+        outcome = check.carry_out(bench)
+    except CheckEnded as end:
+        outcome = _ended_early("unknown" if end.interrupted else "failed", end.sentence, end.remedy)
+        sentence = end.sentence if end.halts or (check.halts and not end.interrupted) else ""
+        return outcome, sentence.rstrip("."), end.interrupted
+    except KeyboardInterrupt:
+        return _ended_early("unknown", "It was interrupted.", "Run it again."), "interrupted by Ctrl-C", True
+    except DeviceError as error:
+        if first:
+            raise
+        return _ended_early("failed", f"{error}.", "Look at the supply and the cable."), str(error), False
+    except UsageError as error:
+        if first:
+            raise
+        return (
+            _ended_early("unknown", f"It couldn't be carried out: {error}.", "Change the device's settings."),
+            "",
+            False,
+        )
+    halted = check.halts and outcome.state == "failed"
+    return outcome, f"“{check.title}” failed" if halted else "", False
+
+
+def _left_out(reason: str) -> Outcome:
+    return Outcome(
+        state="unknown",
+        did="Nothing.",
+        expected="",
+        found=f"Not carried out: {reason}.",
+        remedy="See to that first, then run it again.",
+    )
+
+
+def _ended_early(state: State, sentence: str, remedy: str) -> Outcome:
+    return Outcome(
+        state=state,
+        did="It was begun, and cut short.",
+        expected="The run goes on to its end.",
+        found=sentence,
+        remedy=remedy,
+    )
+
+
+def sign_off(acceptance: Acceptance, name: str, date: str) -> Acceptance:
+    """Return the acceptance with the name of who signs it off, and the day (ISO 8601)."""
+    return replace(acceptance, signature=Signature(name=name, date=date))

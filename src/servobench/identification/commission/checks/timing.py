@@ -1,0 +1,59 @@
+"""How punctual the loop is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from servobench.core.rounding import milliseconds, percent
+from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.rig.lateness import lateness
+
+if TYPE_CHECKING:
+    from servobench.identification.commission.bench import Bench
+
+DURATION = 3.0  # s
+LATE = 0.5  # of a sample time, for 99 of 100 samples
+
+
+@CHECKS.member("timing")
+class Timing:
+    """How late the samples of a run at zero volts are, and how many ticks are missing."""
+
+    title: ClassVar[str] = "Loop timing"
+    place: ClassVar[int] = 25
+    needs: ClassVar[tuple[str, ...]] = ("rest",)
+    halts: ClassVar[bool] = False
+    picture: ClassVar[bool] = False
+
+    def carry_out(self, bench: Bench) -> Outcome:
+        """Record at zero volts, and look at the times."""
+        recording = bench.wait(DURATION).recording
+        did = f"0 V for {DURATION:g} s at {1 / bench.sample_time:g} Hz; each sample's time was compared with its schedule."
+        most = LATE * bench.sample_time
+        expected = f"No tick is missing, and 99 % of the samples are late by at most {milliseconds(most)} ms."
+        late = lateness(recording)
+        if late is None:
+            return Outcome(
+                state="unsupported",
+                did=did,
+                expected=expected,
+                found="The device's time is computed, so nothing can be late.",
+                remedy="Commission the device that keeps real time.",
+            )
+        punctual = late.missed == 0 and late.p99 <= most
+        missing = late.missed / (late.samples + late.missed)
+        return Outcome(
+            state="verified" if punctual else "failed",
+            did=did,
+            expected=expected,
+            found=f"{late.sentence[0].upper()}{late.sentence[1:]}.",
+            figures=(
+                Figure(name="lateness, 99th percentile", value=late.p99, unit="s"),
+                Figure(name="lateness, largest", value=late.largest, unit="s"),
+                Figure(name="ticks missed", value=late.missed, unit="1"),
+            ),
+            remedy=""
+            if punctual
+            else f"{percent(100 * missing)} % of the ticks are missing. Close other programs, allow "
+            "real-time scheduling, use a longer sample time, or a device that keeps the time itself.",
+        )
