@@ -37,7 +37,7 @@ class AcceptanceReport:
         found = self.acceptance
         text = template("commission.html.j2").render(
             style=source("style.css"),
-            title=f"Bench with {found.info.name}" + (f" at {found.info.serial}" if found.info.serial else ""),
+            title=found.info.name + (f" ({found.info.serial})" if found.info.serial else ""),
             version=__version__,
             identity=_identity(found),
             signature=_signature(found),
@@ -74,11 +74,12 @@ class AcceptanceReport:
         )
 
     def _drawing(self, checked: Checked) -> DrawnFigure | None:
-        """The last run of a check that people would rather look at."""
+        """The longest run of a check that people would rather look at, the last one of several."""
         shown = [name for name in checked.recordings if name in self.recordings]
         if not (checked.picture and shown):
             return None
-        recording = self.recordings[shown[-1]]
+        name = max(shown, key=lambda name: (len(self.recordings[name]["counts"].values), shown.index(name)))
+        recording = self.recordings[name]
         names = ("commanded", "counts") if "commanded" in recording else ("counts",)
         drawn = over_time(recording, names, len(shown))
         if drawn is None:
@@ -87,7 +88,7 @@ class AcceptanceReport:
             drawn,
             name=f"check-{checked.name.replace('_', '-')}",
             title=checked.title,
-            caption=f"{shown[-1]}: the voltage that was commanded, and the counts.",
+            caption=f"{checked.picture} ({name}.mcap)",
         )
         return single(named)
 

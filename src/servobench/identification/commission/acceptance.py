@@ -19,13 +19,13 @@ STATES: tuple[State, ...] = ("verified", "failed", "unsupported", "unknown")
 
 @dataclass(frozen=True, kw_only=True)
 class Checked:
-    """One check with its outcome, and the names of its recordings."""
+    """One check with its outcome, the names of its recordings, and what is below its picture, empty where it has none."""
 
     name: str
     title: str
     outcome: Outcome
     recordings: tuple[str, ...] = ()
-    picture: bool = False
+    picture: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

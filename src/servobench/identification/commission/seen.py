@@ -61,7 +61,7 @@ class Seen:
         if len(t) < 2:
             return 0.0
         t = t - t.mean()
-        return float(t @ self.counts[inside] / (t @ t))
+        return round(float(t @ self.counts[inside] / (t @ t)), 6)
 
     def range(self, begin: float, end: float) -> float:
         """Return the difference between the largest and the smallest count between two times [s]."""

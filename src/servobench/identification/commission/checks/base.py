@@ -63,8 +63,8 @@ class Check(Protocol):
     """The checks that have to be verified or unsupported before."""
     halts: ClassVar[bool]
     """Whether nothing is driven any more where it fails."""
-    picture: ClassVar[bool]
-    """Whether people would rather look than read."""
+    picture: ClassVar[str]
+    """What is below its picture, where people would rather look than read; empty where they needn't."""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Do what it takes on the bench, and return what was found; raises `CheckEnded` where a run was cut short."""

@@ -33,7 +33,7 @@ class Counter:
     place: ClassVar[int] = 100
     needs: ClassVar[tuple[str, ...]] = ("sign",)
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = True
+    picture: ClassVar[str] = "The voltage, and the counts as the counter shows them."
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Turn one way and back, and look for jumps."""

@@ -31,7 +31,7 @@ class DeadBand:
     place: ClassVar[int] = 70
     needs: ClassVar[tuple[str, ...]] = ("stop", "watchdog")
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = True
+    picture: ClassVar[str] = "Both staircases: the voltage, and the counts."
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Climb both staircases, with zero volts in between."""
@@ -47,7 +47,7 @@ class DeadBand:
         }
         did = f"A staircase to {plain(top, 3)} V in {STEPS} steps of {1000 * DWELL:g} ms, and one to {plain(-top, 3)} V."
         most = PART * bench.limit
-        expected = f"The shaft turns either way below {plain(most, 3)} V, a {round(1 / PART)}th of the range."
+        expected = f"The shaft turns either way below {plain(most, 3)} V, {100 * PART:g} % of the range."
         held = [way for way, interval in found.items() if interval is None]
         if held:
             return Outcome(

@@ -26,7 +26,7 @@ class Delay:
     place: ClassVar[int] = 90
     needs: ClassVar[tuple[str, ...]] = ("stop", "watchdog")
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = False
+    picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Turn the motor to and fro, and identify it."""

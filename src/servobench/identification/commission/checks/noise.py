@@ -25,7 +25,7 @@ class Noise:
     place: ClassVar[int] = 20
     needs: ClassVar[tuple[str, ...]] = ("rest",)
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = False
+    picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts."""

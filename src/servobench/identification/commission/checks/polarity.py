@@ -24,7 +24,7 @@ class Polarity:
     place: ClassVar[int] = 65
     needs: ClassVar[tuple[str, ...]] = ("sign",)
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = False
+    picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Put the voltage of the check of the sign out with the other sign, and compare the speeds."""
@@ -35,7 +35,7 @@ class Polarity:
         ratio = -back / forward if forward else math.nan
         even = 1 / UNEVEN <= ratio <= UNEVEN
         if even:
-            found = f"The motor turned the other way, as fast to within {abs(100 * (ratio - 1)):.0f} %."
+            found = f"The motor turned the other way, as fast to within {max(1, math.ceil(abs(100 * (ratio - 1))))} %."
         elif ratio > 0:
             found = f"The motor turned the other way, but {plain(ratio, 3)} times as fast."
         else:

@@ -25,14 +25,14 @@ class Rest:
     place: ClassVar[int] = 10
     needs: ClassVar[tuple[str, ...]] = ()
     halts: ClassVar[bool] = True
-    picture: ClassVar[bool] = False
+    picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts."""
         seen = bench.wait(DURATION)
         channel = bench.info.channel("counts")
         turn = channel.counts_per_rev if channel else None
-        most = max(8.0, PART_OF_A_TURN * (turn or 0.0))
+        most = max(8.0, round(PART_OF_A_TURN * (turn or 0.0)))
         drift = float(np.mean(seen.between(DURATION - PART, DURATION)) - np.mean(seen.between(0.0, PART)))
         swing = seen.range(0.0, DURATION)
         still = abs(drift) <= DRIFT and swing <= most

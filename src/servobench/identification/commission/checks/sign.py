@@ -23,7 +23,7 @@ class Sign:
     place: ClassVar[int] = 60
     needs: ClassVar[tuple[str, ...]] = ("stop", "watchdog")
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = False
+    picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Put a small positive voltage out."""

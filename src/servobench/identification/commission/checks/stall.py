@@ -31,7 +31,7 @@ class Stall:
     place: ClassVar[int] = 80
     needs: ClassVar[tuple[str, ...]] = ("dead_band",)
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = False
+    picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Lower the threshold below a voltage that friction holds, and wait for the cut."""

@@ -27,7 +27,7 @@ class Stop:
     place: ClassVar[int] = 30
     needs: ClassVar[tuple[str, ...]] = ("rest",)
     halts: ClassVar[bool] = True
-    picture: ClassVar[bool] = True
+    picture: ClassVar[str] = "The last pulse: the voltage, and the counts."
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Raise the pulse until the shaft moves, and see it stop."""

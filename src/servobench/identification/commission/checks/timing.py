@@ -23,7 +23,7 @@ class Timing:
     place: ClassVar[int] = 25
     needs: ClassVar[tuple[str, ...]] = ("rest",)
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = False
+    picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts, and look at the times."""
@@ -48,8 +48,8 @@ class Timing:
             expected=expected,
             found=f"{late.sentence[0].upper()}{late.sentence[1:]}.",
             figures=(
-                Figure(name="lateness, 99th percentile", value=late.p99, unit="s"),
-                Figure(name="lateness, largest", value=late.largest, unit="s"),
+                Figure(name="lateness, 99th percentile", value=round(late.p99, 9), unit="s"),
+                Figure(name="lateness, largest", value=round(late.largest, 9), unit="s"),
                 Figure(name="ticks missed", value=late.missed, unit="1"),
             ),
             remedy=""

@@ -25,7 +25,7 @@ class Turns:
     place: ClassVar[int] = 50
     needs: ClassVar[tuple[str, ...]] = ("stop", "watchdog")
     halts: ClassVar[bool] = False
-    picture: ClassVar[bool] = False
+    picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts while the shaft is turned."""

@@ -36,7 +36,9 @@ class Watchdog:
     place: ClassVar[int] = 40
     needs: ClassVar[tuple[str, ...]] = ("stop",)
     halts: ClassVar[bool] = True
-    picture: ClassVar[bool] = True
+    picture: ClassVar[str] = (
+        "The voltage that was asked for, and the counts; after 1.2 s no voltage reached the device any more."
+    )
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Turn the motor slowly, keep the voltages back, and see what the shaft does."""
@@ -116,7 +118,9 @@ def _time_of_cut(seen: Seen, begin: float) -> tuple[float, float]:
     ]
     step = float(np.median(np.diff(seen.t)))
     # The last voltage was written with the sample before.
-    return max(2 * times[0] - times[1] - begin + step, 0.0), times[1] - times[0] + step
+    # A count more or less at e = 5 is 10 % of t₁ - t_c, and half of that at t₂: together a quarter, and as much again for a
+    # shaft that slows down less and less.
+    return max(2 * times[0] - times[1] - begin + step, 0.0), 0.5 * (times[1] - times[0]) + step
 
 
 def _cut(
