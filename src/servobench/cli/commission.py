@@ -195,20 +195,14 @@ def _runner(folder: Path, progress: Progress) -> Runner:
     def carry_out(asked: Experiment, name: str, look: Look | None) -> Recording:
         from servobench.cli.run import device_asked_for, warn_of_danger
         from servobench.rig.loop.live import run_where_its_time_passes
-        from servobench.rig.lost_device import DeviceLost
 
-        try:
-            recording = run_where_its_time_passes(
-                asked,
-                device_asked_for(asked, None),
-                to=folder / f"{name}.mcap",
-                look=look,
-                alarm=progress.alarm,
-            )
-        except DeviceLost as error:
-            recording = error.recording
-            stopped = replace(recording.stopped, reason="device_lost", sentence=str(error))
-            recording = replace(recording, stopped=stopped)
+        recording = run_where_its_time_passes(
+            asked,
+            device_asked_for(asked, None),
+            to=folder / f"{name}.mcap",
+            look=look,
+            alarm=progress.alarm,
+        )
         warn_of_danger(recording, progress)
         return recording
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from servobench._version import __version__
 from servobench.core.channels import DeviceInfo
 from servobench.core.errors import DeviceError, UsageError
 from servobench.core.json_numbers import finite
 from servobench.identification.commission.bench import Bench, CheckEnded
-from servobench.identification.commission.checks.base import Check, Outcome, State, in_order
+from servobench.identification.commission.checks.base import Check, Outcome, State, in_order, not_carried_out
 
 SCHEMA = "servobench.commission/1"
 STATES: tuple[State, ...] = ("verified", "failed", "unsupported", "unknown")
@@ -125,20 +125,20 @@ def commission(
     checks: list[Checked] = []
     ended, interrupted = "", False
     for name, kind in in_order():
-        if begin is not None and not ended:
-            begin(kind.title)
         if ended:
-            outcome, sentence, by_hand = _left_out(ended), "", False
-        else:
-            outcome, sentence, by_hand = _carry_out(bench, name, kind())
-        ended, interrupted = ended or sentence, interrupted or by_hand
-        bench.outcomes[name] = outcome
+            checks.append(Checked(name=name, title=kind.title, outcome=not_carried_out(ended)))
+            continue
+        if begin is not None:
+            begin(kind.title)
+        turn = _carry_out(bench, name, kind())
+        ended, interrupted = turn.ended, turn.interrupted
+        bench.outcomes[name] = turn.outcome
         checks.append(
             Checked(
                 name=name,
                 title=kind.title,
-                outcome=outcome,
-                recordings=() if ended and not sentence else bench.taken(),
+                outcome=turn.outcome,
+                recordings=bench.taken(),
                 picture=kind.picture,
             )
         )
@@ -156,49 +156,48 @@ def commission(
     )
 
 
-def _carry_out(bench: Bench, name: str, check: Check) -> tuple[Outcome, str, bool]:
-    """The outcome of a check, why nothing comes after it (empty where something does), and whether somebody asked for that."""
+class _Turn(NamedTuple):
+    """A check carried out: why nothing comes after it (empty where something does), and whether somebody asked for that."""
+
+    outcome: Outcome
+    ended: str = ""
+    interrupted: bool = False
+
+
+def _carry_out(bench: Bench, name: str, check: Check) -> _Turn:
     bench.begin(name)
     missing = [each for each in check.needs if not bench.settled(each)]
     if missing:
         titles = {other: kind.title for other, kind in in_order()}
-        return _left_out(f"“{titles[missing[0]]}” is {bench.outcomes[missing[0]].state}"), "", False
-    first = not bench.recordings
+        state = bench.outcomes[missing[0]].state
+        return _Turn(
+            not_carried_out(f"“{titles[missing[0]]}” {'is unknown' if state == 'unknown' else state}")
+        )
+    first, failed, stopped = (
+        not bench.recordings,
+        f"“{check.title}” failed",
+        f"“{check.title}” was interrupted",
+    )
     try:
         outcome = check.carry_out(bench)
     except CheckEnded as end:
-        outcome = _ended_early("unknown" if end.interrupted else "failed", end.sentence, end.remedy)
-        sentence = end.sentence if end.halts or (check.halts and not end.interrupted) else ""
-        return outcome, sentence.rstrip("."), end.interrupted
+        outcome = _cut_short("unknown" if end.interrupted else "failed", end.sentence, end.remedy)
+        ended = (stopped if end.interrupted else failed) if end.halts or check.halts else ""
+        return _Turn(outcome, ended, end.interrupted)
     except KeyboardInterrupt:
-        return _ended_early("unknown", "It was interrupted.", "Run it again."), "interrupted by Ctrl-C", True
+        return _Turn(_cut_short("unknown", "It was interrupted.", "Run it again."), stopped, True)
     except DeviceError as error:
         if first:
             raise
-        return _ended_early("failed", f"{error}.", "Look at the supply and the cable."), str(error), False
+        return _Turn(_cut_short("failed", f"{error}.", "Look at the supply and the cable."), failed)
     except UsageError as error:
         if first:
             raise
-        return (
-            _ended_early("unknown", f"It couldn't be carried out: {error}.", "Change the device's settings."),
-            "",
-            False,
-        )
-    halted = check.halts and outcome.state == "failed"
-    return outcome, f"“{check.title}” failed" if halted else "", False
+        return _Turn(_cut_short("unknown", f"The device refuses it: {error}.", "Change its settings."))
+    return _Turn(outcome, failed if check.halts and outcome.state == "failed" else "")
 
 
-def _left_out(reason: str) -> Outcome:
-    return Outcome(
-        state="unknown",
-        did="Nothing.",
-        expected="",
-        found=f"Not carried out: {reason}.",
-        remedy="See to that first, then run it again.",
-    )
-
-
-def _ended_early(state: State, sentence: str, remedy: str) -> Outcome:
+def _cut_short(state: State, sentence: str, remedy: str) -> Outcome:
     return Outcome(
         state=state,
         did="It was begun, and cut short.",

@@ -12,22 +12,24 @@ from servobench.core.finding import Severity
 from servobench.core.rounding import plain, with_unit
 from servobench.identification.commission.checks.base import SETTLED, Outcome
 from servobench.identification.commission.seen import Seen
-from servobench.recordings.recording import Recording
+from servobench.recordings.recording import Recording, Stopped
 from servobench.rig.devices.base import Device
 from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.experiment import DeviceChoice
 from servobench.rig.experiment.limits import Limits
 from servobench.rig.loop.run import Look
+from servobench.rig.lost_device import DeviceLost
 
 PULSE_PART, PULSE_TIME = 0.4, 0.1
 """Before a stop was seen a pulse has this part of the range at most, and lasts so long [s]."""
 SPIN = 3.0
 """Before the watchdog was tried, the motor gets at most so many times the voltage that moved it."""
 SPAN = 10.0  # V; the range of a device that doesn't say its own
-LEAD, TAIL = 0.2, 0.6  # s at zero volts before a run's first voltage, and the least after its last
+LEAD, TAIL = 0.2, 1.5  # s at zero volts before a run's first voltage, and the least after its last
 REST = 0.2  # s; the end of a run, in which the shaft has to be at rest
 QUIET = 2.0  # counts; an encoder between two lines may flicker by one either way
 LONGEST_TAIL = 10.0  # s
+COAST = 8.0  # s; how long a heavy shaft may coast once 0 V were seen to stop it
 
 Runner: TypeAlias = Callable[[Experiment, str, Look | None], Recording]
 """Carries an experiment out and records it under a name."""
@@ -232,7 +234,11 @@ class Bench:
         name = (
             f"{len(self.outcomes) + 1:02d}-{self._check.replace('_', '-')}{f'-{again}' if again > 1 else ''}"
         )
-        recording = replace(self._carry_out(asked, name, look), name=name)
+        try:
+            recording = replace(self._carry_out(asked, name, look), name=name)
+        except DeviceLost as error:
+            lost = Stopped(reason="device_lost", sentence=str(error))
+            recording = replace(error.recording, name=name, stopped=lost)
         self._begun.append(name)
         self.recordings[name] = recording
         if recording.info is not None:
@@ -244,12 +250,13 @@ class Bench:
         if dangers:
             raise CheckEnded(" ".join(dangers), "Cut the supply.", halts=True)
         if stopped.reason == "interrupted":
-            raise CheckEnded(stopped.sentence, "Run it again.", halts=True, interrupted=True)
+            raise CheckEnded(f"It was {stopped.sentence}.", "Run it again.", halts=True, interrupted=True)
         if stopped.reason in ("device_lost", "error"):
-            raise CheckEnded(stopped.sentence, "Look at the supply and the cable.", halts=True)
+            sentence = f"{stopped.sentence[:1].upper()}{stopped.sentence[1:]}."
+            raise CheckEnded(sentence, "Look at the supply and the cable.", halts=True)
         if stopped.reason == "fault" and not may_end:
             raise CheckEnded(
-                f"The run was cut short: {stopped.sentence}",
+                f"The run was cut short: {stopped.sentence}.",
                 "See to that first, then run it again.",
                 halts=False,
             )
@@ -257,6 +264,9 @@ class Bench:
 
     def _check_rest(self, seen: Seen) -> None:
         moved = seen.range(seen.duration - REST, float("inf"))
+        if moved > self.quiet and self.settled("stop"):
+            coasting = self.wait(COAST)
+            moved = coasting.range(coasting.duration - REST, float("inf"))
         if moved > self.quiet:
             raise CheckEnded(
                 f"The shaft still moved by {plain(moved)} counts within {REST:g} s at the end, although 0 V were put out.",

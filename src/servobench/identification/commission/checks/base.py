@@ -52,6 +52,11 @@ class Outcome:
     learned: Mapping[str, float] = field(default_factory=dict)
 
 
+def not_carried_out(reason: str) -> Outcome:
+    """Return the outcome of a check that wasn't carried out, for a reason that ends a sentence."""
+    return Outcome(state="unknown", did="Nothing.", expected="", found=f"Not carried out, as {reason}.")
+
+
 class Check(Protocol):
     """One check: where in the order it comes, and how it is carried out."""
 

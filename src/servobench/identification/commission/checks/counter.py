@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from servobench.core.channels import SHORTEST_STEP
 from servobench.core.rounding import plain, with_unit
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
 
 if TYPE_CHECKING:
     from servobench.identification.commission.bench import Bench
@@ -31,7 +32,7 @@ class Counter:
 
     title: ClassVar[str] = "Counter width and wrap"
     place: ClassVar[int] = 100
-    needs: ClassVar[tuple[str, ...]] = ("sign",)
+    needs: ClassVar[tuple[str, ...]] = ("stop", "watchdog")
     halts: ClassVar[bool] = False
     picture: ClassVar[str] = "The voltage, and the counts as the counter shows them."
 
@@ -39,7 +40,9 @@ class Counter:
         """Turn one way and back, and look for jumps."""
         channel = bench.info.channel("counts")
         claimed = channel.counter_bits if channel else None
-        gain = abs(bench.known("speed") / bench.known("speed_voltage"))
+        gain = abs(bench.known("speed", 0.0) / bench.known("speed_voltage"))
+        if not gain > 0:
+            return not_carried_out("the speed isn't known")
         voltage = min(PART * bench.limit, STEP / bench.sample_time / gain)
         speed = gain * voltage
         far = max(FAR, 1.1 * 2.0 ** ((claimed or 16) - 1)) if bench.until_wrap else FAR
@@ -94,12 +97,14 @@ class Counter:
 def wraps(seen: Seen) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], int | None]:
     """Return the jumps in the raw counts, and the width that explains them [bits]; None without a jump.
 
-    A jump is a step that differs from the median of its neighbours' by more than half of the smallest width.
+    A jump is a step that differs by more than half of the smallest width from what the median speed of its neighbours makes of
+    the time that it took, as samples may be missing.
     """
-    steps = np.diff(seen.raw)
+    steps, times = np.diff(seen.raw), np.maximum(np.diff(seen.t), SHORTEST_STEP)
     if len(steps) < 5:
         return np.empty(0), None
-    around = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, mode="edge"), 9), axis=1)
+    speeds = np.pad(steps / times, 4, mode="edge")
+    around = times * np.median(np.lib.stride_tricks.sliding_window_view(speeds, 9), axis=1)
     off = steps - around
     jumps = off[np.abs(off) > 2.0 ** (FEWEST_BITS - 1) + np.abs(around)]
     if not len(jumps):

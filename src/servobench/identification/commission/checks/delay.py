@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from servobench.core.rounding import milliseconds, plain
+from servobench.core.rounding import milliseconds, plain, with_unit
 from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
 from servobench.identification.identify import identify
 from servobench.identification.uncertainty.identifiability import State as Answer
@@ -44,8 +44,9 @@ class Delay:
         ):
             return Outcome(
                 state="unknown", did=did, expected=expected,
-                found="The recording doesn't tell the delay: "
-                + (f"{estimate} at most." if estimate else "the motor couldn't be identified."),
+                found=f"The recording only tells that the delay is {with_unit(estimate.interval[1], 's', 2)} at most."
+                if estimate
+                else "The motor couldn't be identified, and so the delay isn't known.",
                 remedy="Look at the recording with `servobench identify`, which says why.",
             )  # fmt: skip
         low, high = estimate.interval

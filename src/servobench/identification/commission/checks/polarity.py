@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from servobench.core.rounding import plain
 from servobench.identification.commission.bench import LEAD
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
 from servobench.identification.commission.checks.sign import DURATION, FIRST
 
 if TYPE_CHECKING:
@@ -22,13 +22,15 @@ class Polarity:
 
     title: ClassVar[str] = "Polarity: both directions"
     place: ClassVar[int] = 65
-    needs: ClassVar[tuple[str, ...]] = ("sign",)
+    needs: ClassVar[tuple[str, ...]] = ("stop", "watchdog")
     halts: ClassVar[bool] = False
     picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Put the voltage of the check of the sign out with the other sign, and compare the speeds."""
         voltage = -bench.known("speed_voltage")
+        if not math.isfinite(voltage):
+            return not_carried_out("the speed forwards isn't known")
         seen = bench.drive((voltage, DURATION))
         forward, back = bench.known("speed"), seen.speed(LEAD + FIRST, LEAD + DURATION)
         factor, unit = bench.speed_unit

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, ClassVar
 
 from servobench.core.rounding import plain, with_unit
 from servobench.identification.commission.bench import LEAD
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
 
 if TYPE_CHECKING:
     from servobench.identification.commission.bench import Bench
@@ -29,12 +30,14 @@ class Stall:
 
     title: ClassVar[str] = "Stall at low voltage"
     place: ClassVar[int] = 80
-    needs: ClassVar[tuple[str, ...]] = ("dead_band",)
+    needs: ClassVar[tuple[str, ...]] = ("stop", "watchdog")
     halts: ClassVar[bool] = False
     picture: ClassVar[str] = ""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Lower the threshold below a voltage that friction holds, and wait for the cut."""
+        if not math.isfinite(bench.known("dead_band")):
+            return not_carried_out("the dead band isn't known")
         voltage = PART * bench.known("dead_band")
         threshold = THRESHOLD * bench.known("dead_band")
         whose = "the device's own stall monitor" if bench.own_stall else "the guard's stall monitor"

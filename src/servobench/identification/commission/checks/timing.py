@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from servobench.core.rounding import milliseconds, percent
+import numpy as np
+
+from servobench.core.rounding import count_text, milliseconds, percent
 from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
 from servobench.rig.lateness import lateness
 
 if TYPE_CHECKING:
     from servobench.identification.commission.bench import Bench
+    from servobench.identification.commission.seen import Seen
 
 DURATION = 3.0  # s
 LATE = 0.5  # of a sample time, for 99 of 100 samples
@@ -27,19 +30,13 @@ class Timing:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts, and look at the times."""
-        recording = bench.wait(DURATION).recording
+        seen = bench.wait(DURATION)
         did = f"0 V for {DURATION:g} s at {1 / bench.sample_time:g} Hz; each sample's time was compared with its schedule."
         most = LATE * bench.sample_time
         expected = f"No tick is missing, and 99 % of the samples are late by at most {milliseconds(most)} ms."
-        late = lateness(recording)
+        late = lateness(seen.recording)
         if late is None:
-            return Outcome(
-                state="unsupported",
-                did=did,
-                expected=expected,
-                found="The device's time is computed, so nothing can be late.",
-                remedy="Commission the device that keeps real time.",
-            )
+            return _computed(did, expected, seen, bench.sample_time)
         punctual = late.missed == 0 and late.p99 <= most
         missing = late.missed / (late.samples + late.missed)
         return Outcome(
@@ -57,3 +54,17 @@ class Timing:
             else f"{percent(100 * missing)} % of the ticks are missing. Close other programs, allow "
             "real-time scheduling, use a longer sample time, or a device that keeps the time itself.",
         )
+
+
+def _computed(did: str, expected: str, seen: Seen, sample_time: float) -> Outcome:
+    """The outcome where no clock ran: nothing can be late, but a tick may be missing."""
+    missed = int(np.maximum(np.rint(np.diff(seen.t) / sample_time) - 1, 0).sum())
+    if missed:
+        return Outcome(
+            state="failed", did=did, expected=expected, found=f"{count_text(missed, 'tick')} went by without a sample.",
+            figures=(Figure(name="ticks missed", value=missed, unit="1"),), remedy="Find what holds the device up.",
+        )  # fmt: skip
+    return Outcome(
+        state="unsupported", did=did, expected=expected, found="The device's time is computed, so nothing can be late.",
+        remedy="Commission the device that keeps real time.",
+    )  # fmt: skip
