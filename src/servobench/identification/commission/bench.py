@@ -192,6 +192,16 @@ class Bench:
             self._check_rest(seen)
         return seen
 
+    def check_end(self, seen: Seen) -> None:
+        """Raise `CheckEnded` where the guard or the device ended a run."""
+        stopped = seen.recording.stopped
+        if stopped.reason == "fault":
+            raise CheckEnded(
+                f"The run was cut short: {stopped.sentence}.",
+                "See to that first, then run it again.",
+                halts=False,
+            )
+
     @property
     def tail(self) -> float:
         """How long zero volts follow a run's last voltage [s]: what the shaft needs to come to rest, with plenty to spare."""
@@ -252,13 +262,10 @@ class Bench:
         if stopped.reason in ("device_lost", "error"):
             sentence = f"{stopped.sentence[:1].upper()}{stopped.sentence[1:]}."
             raise CheckEnded(sentence, "Look at the supply and the cable.", halts=True)
-        if stopped.reason == "fault" and not may_end:
-            raise CheckEnded(
-                f"The run was cut short: {stopped.sentence}.",
-                "See to that first, then run it again.",
-                halts=False,
-            )
-        return Seen.of(recording)
+        seen = Seen.of(recording)
+        if not may_end:
+            self.check_end(seen)
+        return seen
 
     def _check_rest(self, seen: Seen) -> None:
         moved = seen.range(seen.duration - REST, float("inf"))

@@ -50,8 +50,11 @@ class Counter:
         longest = LONGEST_WRAP if bench.until_wrap else LONGEST
         too_far = time > longest
         time = min(time, longest)
-        seen = bench.drive((voltage, time), (0.0, bench.tail), (-voltage, time + SPIN_UP))
+        # A jump that the device's own width doesn't explain ends the run, as no motor makes it: that is what is looked for.
+        seen = bench.drive((voltage, time), (0.0, bench.tail), (-voltage, time + SPIN_UP), may_end=True)
         jumps, bits = wraps(seen)
+        if bits is None:
+            bench.check_end(seen)
         went = float(np.ptp(_without(seen.raw, bits)))
         did = (
             f"{plain(voltage, 3)} V for {plain(time, 3)} s, then {plain(-voltage, 3)} V: "
@@ -103,7 +106,7 @@ def wraps(seen: Seen) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], int
     steps, times = np.diff(seen.raw), np.maximum(np.diff(seen.t), SHORTEST_STEP)
     if len(steps) < 5:
         return np.empty(0), None
-    speeds = np.pad(steps / times, 4, mode="edge")
+    speeds = np.pad(steps / times, 4, mode="reflect")
     around = times * np.median(np.lib.stride_tricks.sliding_window_view(speeds, 9), axis=1)
     off = steps - around
     jumps = off[np.abs(off) > 2.0 ** (FEWEST_BITS - 1) + np.abs(around)]
