@@ -5,9 +5,9 @@ from functools import cache
 
 import pytest
 
-from servobench.identification.commission.acceptance import STATES
-from servobench.identification.commission.checks.base import CHECKS, in_order
-from tests.identification.commission.benches import (
+from servobench.rig.commission.acceptance import STATES
+from servobench.rig.commission.checks.base import CHECKS, in_order
+from tests.rig.commission.benches import (
     Commissioned,
     DeadStallTwin,
     DeadWatchdogTwin,

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.cli.progress import Progress
-    from servobench.identification.commission.acceptance import Acceptance, Checked
-    from servobench.identification.commission.bench import Bench, Runner
     from servobench.recordings.recording import Recording
+    from servobench.rig.commission.acceptance import Acceptance, Checked
+    from servobench.rig.commission.bench import Bench, Runner
     from servobench.rig.experiment import Experiment
     from servobench.rig.loop.run import Look
 
@@ -72,9 +72,9 @@ def commission(
     from servobench.cli.run import device_asked_for, terminate_like_ctrl_c
     from servobench.cli.terminal import messages, output, print_json
     from servobench.core.errors import UsageError
-    from servobench.identification.commission.acceptance import commission as carry_out
-    from servobench.identification.commission.acceptance import sign_off
-    from servobench.identification.commission.bench import Bench
+    from servobench.rig.commission.acceptance import commission as carry_out
+    from servobench.rig.commission.acceptance import sign_off
+    from servobench.rig.commission.bench import Bench
     from servobench.rig.experiment import Experiment
     from servobench.rig.experiment.experiment import DeviceChoice
 

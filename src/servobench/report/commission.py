@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 from servobench._version import __version__
 from servobench.core.rounding import count_text, milliseconds, plain
-from servobench.identification.commission.acceptance import Acceptance, Checked
-from servobench.identification.commission.checks.base import State
 from servobench.recordings.recording import Recording
 from servobench.report.document import write_page
 from servobench.report.html import DrawnFigure, single, source, template
 from servobench.report.inspection_figures import over_time
 from servobench.report.tables import Fact
+from servobench.rig.commission.acceptance import Acceptance, Checked
+from servobench.rig.commission.checks.base import State
 
 TONES: Mapping[State, str] = {
     "verified": "trusted",
@@ -30,6 +30,7 @@ class AcceptanceReport:
     """What commissioning found, with the recordings by their names, as a page that opens from disk without a network."""
 
     acceptance: Acceptance
+    """What commissioning found."""
     recordings: Mapping[str, Recording]
 
     def html(self) -> str:

@@ -1,8 +1,8 @@
 """The rig is commissioned in lock-step with the firmware in simavr: verified on simulated silicon, never on silicon."""
 
-from servobench.identification.commission.acceptance import Acceptance, commission
-from servobench.identification.commission.bench import Bench as Commissioning
 from servobench.recordings.recording import Recording
+from servobench.rig.commission.acceptance import Acceptance, commission
+from servobench.rig.commission.bench import Bench as Commissioning
 from servobench.rig.devices.base import Device
 from servobench.rig.devices.faulty import with_faults
 from servobench.rig.devices.guarded import Guarded

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from servobench.core.rounding import plain
-from servobench.identification.commission.bench import LEAD
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.rig.commission.bench import LEAD
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
-    from servobench.identification.commission.seen import Seen
+    from servobench.rig.commission.bench import Bench
+    from servobench.rig.commission.seen import Seen
 
 STEPS, DWELL = 24, 0.2  # steps of the staircase, and the time of each [s]
 TOP = 1.5  # times the voltage that moved the shaft within a short pulse

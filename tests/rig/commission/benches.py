@@ -10,10 +10,10 @@ import numpy as np
 
 from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.settings import PositiveVoltage
-from servobench.identification.commission.acceptance import Acceptance, commission
-from servobench.identification.commission.bench import Bench
-from servobench.identification.commission.checks.base import Outcome
 from servobench.recordings.recording import Recording
+from servobench.rig.commission.acceptance import Acceptance, commission
+from servobench.rig.commission.bench import Bench
+from servobench.rig.commission.checks.base import Outcome
 from servobench.rig.devices.base import Device
 from servobench.rig.devices.faulty import with_faults
 from servobench.rig.devices.twin import Twin, TwinSettings

@@ -13,7 +13,7 @@ from servobench.core.registry import Registry
 from servobench.core.rounding import rounded_interval, with_unit
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
+    from servobench.rig.commission.bench import Bench
 
 State: TypeAlias = Literal["verified", "failed", "unsupported", "unknown"]
 SETTLED: tuple[State, ...] = ("verified", "unsupported")
@@ -45,6 +45,7 @@ class Outcome:
 
     state: State
     did: str
+    """What was done, in a sentence."""
     expected: str
     found: str
     figures: tuple[Figure, ...] = ()
@@ -77,7 +78,7 @@ class Check(Protocol):
 
 
 CHECKS: Registry[type[Check]] = Registry(
-    "check", "servobench.identification.commission.checks", "servobench.commission.checks"
+    "check", "servobench.rig.commission.checks", "servobench.commission.checks"
 )
 
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from servobench.core.channels import SHORTEST_STEP
 from servobench.core.rounding import plain, with_unit
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
-    from servobench.identification.commission.seen import Seen
+    from servobench.rig.commission.bench import Bench
+    from servobench.rig.commission.seen import Seen
 
 FAR = 70_000.0  # counts: beyond what 16 bits hold, whatever the counter began with
 STEP = 60.0  # counts a sample that the motor turns at most: half of what 8 bits can tell apart

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from servobench.core.rounding import plain, with_unit
-from servobench.identification.commission.bench import LEAD, PULSE_PART, PULSE_TIME, REST
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.rig.commission.bench import LEAD, PULSE_PART, PULSE_TIME, REST
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
-    from servobench.identification.commission.seen import Seen
+    from servobench.rig.commission.bench import Bench
+    from servobench.rig.commission.seen import Seen
 
 FIRST, FACTOR = 0.02, 1.5  # of the voltage limit; each pulse is larger than the one before by the factor
 PATIENCE = 2.0  # s after the pulse

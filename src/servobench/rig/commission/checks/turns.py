@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from servobench.core.rounding import plain
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
+    from servobench.rig.commission.bench import Bench
 
 READING = 10.0  # degrees by which the mark may be off at both ends together
 END = 0.1  # s

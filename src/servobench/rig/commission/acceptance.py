@@ -10,8 +10,8 @@ from servobench._version import __version__
 from servobench.core.channels import DeviceInfo
 from servobench.core.errors import DeviceError, UsageError
 from servobench.core.json_numbers import finite
-from servobench.identification.commission.bench import Bench, CheckEnded
-from servobench.identification.commission.checks.base import Check, Outcome, State, in_order, not_carried_out
+from servobench.rig.commission.bench import Bench, CheckEnded
+from servobench.rig.commission.checks.base import Check, Outcome, State, in_order, not_carried_out
 
 SCHEMA = "servobench.commission/1"
 STATES: tuple[State, ...] = ("verified", "failed", "unsupported", "unknown")
@@ -23,6 +23,7 @@ class Checked:
 
     name: str
     title: str
+    """What the check is about, in a few words."""
     outcome: Outcome
     recordings: tuple[str, ...] = ()
     picture: str = ""
@@ -33,7 +34,9 @@ class Signature:
     """Who signs the acceptance off, and on which day (ISO 8601)."""
 
     name: str
+    """The name as it was given."""
     date: str
+    """The day (ISO 8601)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +47,10 @@ class Acceptance:
     """
 
     info: DeviceInfo
+    """What the device said of itself."""
     checks: tuple[Checked, ...]
     created: str
+    """When it was begun (ISO 8601, UTC)."""
     settings: tuple[tuple[str, str], ...] = ()
     sample_time: float = 0.002
     """Time between two samples [s]."""
@@ -55,7 +60,9 @@ class Acceptance:
     interrupted: bool = False
     """Whether somebody asked for the end."""
     signature: Signature | None = None
+    """Who signed it off, None if nobody did."""
     version: str = __version__
+    """The version of this software."""
 
     @property
     def counts(self) -> dict[State, int]:

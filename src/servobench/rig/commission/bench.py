@@ -10,9 +10,9 @@ from servobench.core.channels import DeviceInfo
 from servobench.core.errors import UsageError
 from servobench.core.finding import Severity
 from servobench.core.rounding import plain, with_unit
-from servobench.identification.commission.checks.base import SETTLED, Outcome
-from servobench.identification.commission.seen import Seen
 from servobench.recordings.recording import Recording, Stopped
+from servobench.rig.commission.checks.base import SETTLED, Outcome
+from servobench.rig.commission.seen import Seen
 from servobench.rig.devices.base import Device
 from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.experiment import DeviceChoice
@@ -66,6 +66,7 @@ class Bench:
 
     `run` carries the experiments out, on the device that they name. No voltage beyond `limit` [V] is asked for, nor beyond the
     device's own range. `person` is None where nobody can turn the shaft. With `until_wrap` the counter is turned until it wraps.
+    Raises `UsageError` for a device that nothing drives, and a limit that isn't above 0 V.
     """
 
     def __init__(

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from servobench.core.rounding import count_text, milliseconds, percent
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 from servobench.rig.lateness import lateness
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
-    from servobench.identification.commission.seen import Seen
+    from servobench.rig.commission.bench import Bench
+    from servobench.rig.commission.seen import Seen
 
 DURATION = 3.0  # s
 LATE = 0.5  # of a sample time, for 99 of 100 samples

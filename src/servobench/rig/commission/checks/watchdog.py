@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from servobench.core.rounding import milliseconds, plain, with_unit
-from servobench.identification.commission.bench import LEAD
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.rig.commission.bench import LEAD
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
-    from servobench.identification.commission.seen import Seen
+    from servobench.rig.commission.bench import Bench
+    from servobench.rig.commission.seen import Seen
 
 SPUN, BEFORE = 1.0, 0.2  # s at a voltage before it starves, of which the last part gives the speed
 PATIENCE = 1.2  # s; 500 ms are the longest time of a watchdog, and the shaft needs some to slow down

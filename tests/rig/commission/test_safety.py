@@ -6,15 +6,15 @@ from typing import Any
 import pytest
 
 from servobench.core.errors import DeviceError, UsageError
-from servobench.identification.commission.bench import PULSE_PART, PULSE_TIME, Bench, Interlock
-from servobench.identification.commission.checks.base import CHECKS, in_order
 from servobench.recordings.recording import Recording
+from servobench.rig.commission.bench import PULSE_PART, PULSE_TIME, Bench, Interlock
+from servobench.rig.commission.checks.base import CHECKS, in_order
 from servobench.rig.devices.replay import Replay
 from servobench.rig.devices.twin import Twin
 from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.experiment import DeviceChoice
 from servobench.rig.loop.run import run
-from tests.identification.commission.benches import (
+from tests.rig.commission.benches import (
     Commissioned,
     DeadWatchdogTwin,
     OffsetTwin,

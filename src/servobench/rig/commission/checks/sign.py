@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from servobench.core.rounding import plain
-from servobench.identification.commission.bench import LEAD
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.rig.commission.bench import LEAD
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
+    from servobench.rig.commission.bench import Bench
 
 DURATION, FIRST = 0.6, 0.3  # s; and the part before the speed is looked at
 CLEARLY = 5.0  # counts

@@ -20,6 +20,7 @@ class Seen:
     """
 
     recording: Recording
+    """Where they come from."""
     t: Array
     raw: Array
     counts: Array

@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from servobench.core.rounding import plain
-from servobench.identification.commission.bench import LEAD
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
-from servobench.identification.commission.checks.sign import DURATION, FIRST
+from servobench.rig.commission.bench import LEAD
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
+from servobench.rig.commission.checks.sign import DURATION, FIRST
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
+    from servobench.rig.commission.bench import Bench
 
 UNEVEN = 2.0  # times as fast one way as the other, at a voltage that is a few times friction
 

@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from servobench.core.rounding import plain, with_unit
-from servobench.identification.commission.bench import LEAD
-from servobench.identification.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
+from servobench.rig.commission.bench import LEAD
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
 
 if TYPE_CHECKING:
-    from servobench.identification.commission.bench import Bench
+    from servobench.rig.commission.bench import Bench
 
 PART, THRESHOLD = (
     0.7,
