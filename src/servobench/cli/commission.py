@@ -245,11 +245,11 @@ def _with_options(found: Acceptance) -> Acceptance:
     """The same with options in the place of keywords, as whoever reads it has a command line."""
     from servobench.cli.option_names import with_options
 
-    def told(checked: Checked) -> Checked:
+    def with_option(checked: Checked) -> Checked:
         outcome = replace(checked.outcome, remedy=with_options(checked.outcome.remedy))
         return replace(checked, outcome=outcome)
 
-    return replace(found, checks=tuple(map(told, found.checks)))
+    return replace(found, checks=tuple(map(with_option, found.checks)))
 
 
 def _write(found: Acceptance, bench: Bench, folder: Path) -> None:

@@ -33,7 +33,7 @@ def before(found: Commissioned, check: str) -> list[float]:
     return [abs(voltage) for name, voltage in found.put_out if name in earlier]
 
 
-@pytest.mark.promise("S70")
+@pytest.mark.promise("S66")
 def test_no_voltage_but_zero_goes_out_before_a_pulse_and_none_but_pulses_before_a_stop_was_seen() -> None:
     found = commissioned(watchdog=0.05)
 
@@ -47,7 +47,7 @@ def test_no_voltage_but_zero_goes_out_before_a_pulse_and_none_but_pulses_before_
     assert max(abs(voltage) for _, voltage in found.put_out) <= 0.5 * LIMIT
 
 
-@pytest.mark.promise("S70")
+@pytest.mark.promise("S66")
 @pytest.mark.parametrize(
     ("kind", "last"), [(OffsetTwin, "rest"), (RunawayTwin, "stop"), (DeadWatchdogTwin, "watchdog")]
 )
@@ -62,7 +62,7 @@ def test_where_a_stop_is_not_proved_nothing_is_driven_any_more(kind: type[Twin],
     assert all("Not carried out" in each.found for each in later)
 
 
-@pytest.mark.promise("S71")
+@pytest.mark.promise("S67")
 @pytest.mark.parametrize("name", NAMES[:5] + NAMES[6:])
 def test_ctrl_c_in_any_check_ends_at_rest_and_keeps_what_was_found(name: str) -> None:
     found = commissioned(watchdog=0.05, interrupt=name)
@@ -92,7 +92,7 @@ def lost_at(check: str) -> Commissioned:
         return commissioned(watchdog=0.05)
 
 
-@pytest.mark.promise("S71")
+@pytest.mark.promise("S67")
 @pytest.mark.parametrize("name", NAMES[:5] + NAMES[6:])
 def test_a_device_that_is_lost_in_any_check_ends_everything_at_rest(name: str) -> None:
     found = lost_at(name)
@@ -104,7 +104,7 @@ def test_a_device_that_is_lost_in_any_check_ends_everything_at_rest(name: str) -
     assert found.acceptance.failed
 
 
-@pytest.mark.promise("S71")
+@pytest.mark.promise("S67")
 @pytest.mark.parametrize(
     "settings",
     [
@@ -148,7 +148,7 @@ def bench(opened: list[Experiment]) -> Bench:
     return Bench(Twin(), choice, carry_out)
 
 
-@pytest.mark.promise("S70")
+@pytest.mark.promise("S66")
 @pytest.mark.parametrize(
     ("proved", "segments"),
     [

@@ -11,7 +11,7 @@ from servobench.core.channels import DeviceInfo
 from servobench.core.errors import DeviceError, UsageError
 from servobench.core.json_numbers import finite
 from servobench.rig.commission.bench import Bench, CheckEnded
-from servobench.rig.commission.checks.base import Check, Outcome, State, in_order, not_carried_out
+from servobench.rig.commission.checks.base import Check, Outcome, State, in_order, no_outcome
 
 SCHEMA = "servobench.commission/1"
 STATES: tuple[State, ...] = ("verified", "failed", "unsupported", "unknown")
@@ -85,7 +85,7 @@ class Acceptance:
                     "timing": self.info.timing,
                     "settings": dict(self.settings),
                 },
-                "checks": [_told(each) for each in self.checks],
+                "checks": [_as_data(each) for each in self.checks],
                 "counts": dict(self.counts),
                 "sample_time": self.sample_time,
                 "voltage_limit": self.voltage_limit,
@@ -97,7 +97,7 @@ class Acceptance:
         return told
 
 
-def _told(checked: Checked) -> dict[str, Any]:
+def _as_data(checked: Checked) -> dict[str, Any]:
     outcome = checked.outcome
     return {
         "name": checked.name,
@@ -133,7 +133,7 @@ def commission(
     ended, interrupted = "", False
     for name, kind in in_order():
         if ended:
-            checks.append(Checked(name=name, title=kind.title, outcome=not_carried_out(ended)))
+            checks.append(Checked(name=name, title=kind.title, outcome=no_outcome(ended)))
             continue
         if begin is not None:
             begin(kind.title)
@@ -145,7 +145,7 @@ def commission(
                 name=name,
                 title=kind.title,
                 outcome=turn.outcome,
-                recordings=bench.taken(),
+                recordings=bench.run_names(),
                 picture=kind.picture,
             )
         )
@@ -173,13 +173,11 @@ class _Turn(NamedTuple):
 
 def _carry_out(bench: Bench, name: str, check: Check) -> _Turn:
     bench.begin(name)
-    missing = [each for each in check.needs if not bench.settled(each)]
+    missing = [each for each in check.needs if not bench.is_settled(each)]
     if missing:
         titles = {other: kind.title for other, kind in in_order()}
         state = bench.outcomes[missing[0]].state
-        return _Turn(
-            not_carried_out(f"“{titles[missing[0]]}” {'is unknown' if state == 'unknown' else state}")
-        )
+        return _Turn(no_outcome(f"“{titles[missing[0]]}” {'is unknown' if state == 'unknown' else state}"))
     first, failed, stopped = (
         not bench.recordings,
         f"“{check.title}” failed",
@@ -188,23 +186,23 @@ def _carry_out(bench: Bench, name: str, check: Check) -> _Turn:
     try:
         outcome = check.carry_out(bench)
     except CheckEnded as end:
-        outcome = _cut_short("unknown" if end.interrupted else "failed", end.sentence, end.remedy)
+        outcome = _early_outcome("unknown" if end.interrupted else "failed", end.sentence, end.remedy)
         ended = (stopped if end.interrupted else failed) if end.halts or check.halts else ""
         return _Turn(outcome, ended, end.interrupted)
     except KeyboardInterrupt:
-        return _Turn(_cut_short("unknown", "It was interrupted.", "Run it again."), stopped, True)
+        return _Turn(_early_outcome("unknown", "It was interrupted.", "Run it again."), stopped, True)
     except DeviceError as error:
         if first:
             raise
-        return _Turn(_cut_short("failed", f"{error}.", "Look at the supply and the cable."), failed)
+        return _Turn(_early_outcome("failed", f"{error}.", "Look at the supply and the cable."), failed)
     except UsageError as error:
         if first:
             raise
-        return _Turn(_cut_short("unknown", f"The device refuses it: {error}.", "Change its settings."))
+        return _Turn(_early_outcome("unknown", f"The device refuses it: {error}.", "Change its settings."))
     return _Turn(outcome, failed if check.halts and outcome.state == "failed" else "")
 
 
-def _cut_short(state: State, sentence: str, remedy: str) -> Outcome:
+def _early_outcome(state: State, sentence: str, remedy: str) -> Outcome:
     return Outcome(
         state=state,
         did="It was begun, and cut short.",

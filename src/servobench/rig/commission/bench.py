@@ -106,30 +106,30 @@ class Bench:
 
     # What is known
 
-    def known(self, name: str, otherwise: float = float("nan")) -> float:
+    def value_of(self, name: str, otherwise: float = float("nan")) -> float:
         """Return what a check has learned under that name, in SI units or counts."""
         for outcome in self.outcomes.values():
             if name in outcome.learned:
                 return outcome.learned[name]
         return otherwise
 
-    def settled(self, check: str) -> bool:
+    def is_settled(self, check: str) -> bool:
         """Whether a check came out so that others can build on it: verified, or unsupported."""
         return check in self.outcomes and self.outcomes[check].state in SETTLED
 
     @property
     def allowed(self) -> float:
         """The largest voltage that may be put out by now [V]."""
-        if not self.settled("rest"):
+        if not self.is_settled("rest"):
             return 0.0
-        if not self.settled("stop"):
+        if not self.is_settled("stop"):
             return PULSE_PART * self.limit
-        return self.limit if self.settled("watchdog") else self.spin_voltage
+        return self.limit if self.is_settled("watchdog") else self.spin_voltage
 
     @property
     def spin_voltage(self) -> float:
         """A few times the voltage that moved the shaft: it turns slowly, but surely [V]."""
-        return min(SPIN * self.known("moving_voltage"), PULSE_PART * self.limit)
+        return min(SPIN * self.value_of("moving_voltage"), PULSE_PART * self.limit)
 
     @property
     def speed_unit(self) -> tuple[float, str]:
@@ -150,7 +150,7 @@ class Bench:
         self._check = check
         self._begun = []
 
-    def taken(self) -> tuple[str, ...]:
+    def run_names(self) -> tuple[str, ...]:
         """Return the names of the runs of the current check."""
         return tuple(self._begun)
 
@@ -206,12 +206,12 @@ class Bench:
     @property
     def tail(self) -> float:
         """How long zero volts follow a run's last voltage [s]: what the shaft needs to come to rest, with plenty to spare."""
-        return min(max(TAIL, 4 * self.known("rest_time", 0.0) + 2 * REST), LONGEST_TAIL)
+        return min(max(TAIL, 4 * self.value_of("rest_time", 0.0) + 2 * REST), LONGEST_TAIL)
 
     @property
     def quiet(self) -> float:
         """By how many counts a shaft at rest may seem to move."""
-        return QUIET + self.known("noise", 0.0)
+        return QUIET + self.value_of("noise", 0.0)
 
     def _check_interlock(self, segments: tuple[tuple[float, float], ...]) -> None:
         largest = max((abs(voltage) for voltage, _ in segments), default=0.0)
@@ -220,7 +220,7 @@ class Bench:
                 f"{self._check}: {largest:g} V were asked for; {self.allowed:g} V are allowed by now"
             )
         driven = sum(duration for voltage, duration in segments if voltage)
-        if not self.settled("stop") and driven > PULSE_TIME * (1 + 1e-9):
+        if not self.is_settled("stop") and driven > PULSE_TIME * (1 + 1e-9):
             raise Interlock(f"{self._check}: {driven:g} s of a voltage were asked for before a stop was seen")
 
     def _experiment(
@@ -270,7 +270,7 @@ class Bench:
 
     def _check_rest(self, seen: Seen) -> None:
         moved = seen.range(seen.duration - REST, float("inf"))
-        if moved > self.quiet and self.settled("stop"):
+        if moved > self.quiet and self.is_settled("stop"):
             coasting = self.wait(COAST)
             moved = coasting.range(coasting.duration - REST, float("inf"))
         if moved > self.quiet:

@@ -53,7 +53,7 @@ class Outcome:
     learned: Mapping[str, float] = field(default_factory=dict)
 
 
-def not_carried_out(reason: str) -> Outcome:
+def no_outcome(reason: str) -> Outcome:
     """Return the outcome of a check that wasn't carried out, for a reason that ends a sentence."""
     return Outcome(state="unknown", did="Nothing.", expected="", found=f"Not carried out, as {reason}.")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.channels import SHORTEST_STEP
 from servobench.core.rounding import plain, with_unit
-from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, no_outcome
 
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
@@ -40,9 +40,9 @@ class Counter:
         """Turn one way and back, and look for jumps."""
         channel = bench.info.channel("counts")
         claimed = channel.counter_bits if channel else None
-        gain = abs(bench.known("speed", 0.0) / bench.known("speed_voltage"))
+        gain = abs(bench.value_of("speed", 0.0) / bench.value_of("speed_voltage"))
         if not gain > 0:
-            return not_carried_out("the speed isn't known")
+            return no_outcome("the speed isn't known")
         voltage = min(PART * bench.limit, STEP / bench.sample_time / gain)
         speed = gain * voltage
         far = max(FAR, 1.1 * 2.0 ** ((claimed or 16) - 1)) if bench.until_wrap else FAR
@@ -72,7 +72,7 @@ class Counter:
         )
         if bits is not None:
             figures = (*figures, Figure(name="width", value=float(bits), unit="bits"))
-            return _wrapped(did, expected, figures, bits, claimed, jumps)
+            return _outcome_of_wraps(did, expected, figures, bits, claimed, jumps)
         if claimed is not None and went > 2.0**claimed:
             return Outcome(
                 state="failed", did=did, expected=expected, figures=figures,
@@ -133,7 +133,7 @@ def _without(
     return raw if bits is None else unwrap(raw, 2.0**bits).count
 
 
-def _wrapped(
+def _outcome_of_wraps(
     did: str,
     expected: str,
     figures: tuple[Figure, ...],

@@ -35,7 +35,7 @@ class DeadBand:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Climb both staircases, with zero volts in between."""
-        top = min(TOP * bench.known("moving_voltage"), PART * TOP * bench.limit, bench.allowed)
+        top = min(TOP * bench.value_of("moving_voltage"), PART * TOP * bench.limit, bench.allowed)
         levels = top * np.arange(1, STEPS + 1) / STEPS
         pause = bench.tail
         up = [(float(level), DWELL) for level in levels]
@@ -53,7 +53,7 @@ class DeadBand:
             return Outcome(
                 state="failed", did=did, expected=expected,
                 found=f"The shaft didn't turn {' or '.join(held)} up to {plain(top, 3)} V, although a pulse of "
-                f"{plain(bench.known('moving_voltage'), 3)} V had moved it.",
+                f"{plain(bench.value_of('moving_voltage'), 3)} V had moved it.",
                 remedy="Look for a shaft that sticks in places: a brake, a bent shaft, a tight belt, a bearing.",
             )  # fmt: skip
         figures = tuple(

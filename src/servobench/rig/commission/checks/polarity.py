@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from servobench.core.rounding import plain
 from servobench.rig.commission.bench import LEAD
-from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, no_outcome
 from servobench.rig.commission.checks.sign import DURATION, FIRST
 
 if TYPE_CHECKING:
@@ -28,11 +28,11 @@ class Polarity:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Put the voltage of the check of the sign out with the other sign, and compare the speeds."""
-        voltage = -bench.known("speed_voltage")
+        voltage = -bench.value_of("speed_voltage")
         if not math.isfinite(voltage):
-            return not_carried_out("the speed forwards isn't known")
+            return no_outcome("the speed forwards isn't known")
         seen = bench.drive((voltage, DURATION))
-        forward, back = bench.known("speed"), seen.speed(LEAD + FIRST, LEAD + DURATION)
+        forward, back = bench.value_of("speed"), seen.speed(LEAD + FIRST, LEAD + DURATION)
         factor, unit = bench.speed_unit
         ratio = -back / forward if forward else math.nan
         even = 1 / UNEVEN <= ratio <= UNEVEN

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from servobench.core.rounding import plain, with_unit
 from servobench.rig.commission.bench import LEAD
-from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, not_carried_out
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, no_outcome
 
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
@@ -36,10 +36,10 @@ class Stall:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Lower the threshold below a voltage that friction holds, and wait for the cut."""
-        if not math.isfinite(bench.known("dead_band")):
-            return not_carried_out("the dead band isn't known")
-        voltage = PART * bench.known("dead_band")
-        threshold = THRESHOLD * bench.known("dead_band")
+        if not math.isfinite(bench.value_of("dead_band")):
+            return no_outcome("the dead band isn't known")
+        voltage = PART * bench.value_of("dead_band")
+        threshold = THRESHOLD * bench.value_of("dead_band")
         whose = "the device's own stall monitor" if bench.own_stall else "the guard's stall monitor"
         did = (
             f"{plain(voltage, 3)} V, at which friction holds the shaft, for up to {PATIENCE:g} s, with {whose} set to "

@@ -38,9 +38,9 @@ class Stop:
             moved = abs(seen.at(seen.duration) - seen.at(LEAD))
             farthest = float(np.abs(seen.counts - seen.at(LEAD)).max())
             if farthest >= CLEARLY + bench.quiet:
-                return _stopped(voltage, farthest, moved, seen)
+                return _outcome_of_stop(voltage, farthest, moved, seen)
             if voltage >= most:
-                return _unmoved(voltage, farthest)
+                return _outcome_without_motion(voltage, farthest)
             voltage = min(FACTOR * voltage, most)
 
 
@@ -54,7 +54,7 @@ def _did(voltage: float) -> str:
 _EXPECTED = f"The shaft moves, and is at rest for the last {REST:g} s."
 
 
-def _stopped(voltage: float, farthest: float, moved: float, seen: Seen) -> Outcome:
+def _outcome_of_stop(voltage: float, farthest: float, moved: float, seen: Seen) -> Outcome:
     """The shaft moved, and came to rest, or the run would have raised an error."""
     end = LEAD + PULSE_TIME
     final = seen.between(seen.duration - REST, np.inf)
@@ -77,7 +77,7 @@ def _stopped(voltage: float, farthest: float, moved: float, seen: Seen) -> Outco
     )
 
 
-def _unmoved(voltage: float, farthest: float) -> Outcome:
+def _outcome_without_motion(voltage: float, farthest: float) -> Outcome:
     return Outcome(
         state="failed",
         did=_did(voltage),

@@ -36,7 +36,7 @@ class Timing:
         expected = f"No tick is missing, and 99 % of the samples are late by at most {milliseconds(most)} ms."
         late = lateness(seen.recording)
         if late is None:
-            return _computed(did, expected, seen, bench.sample_time)
+            return _outcome_without_clock(did, expected, seen, bench.sample_time)
         punctual = late.missed == 0 and late.p99 <= most
         missing = late.missed / (late.samples + late.missed)
         return Outcome(
@@ -56,7 +56,7 @@ class Timing:
         )
 
 
-def _computed(did: str, expected: str, seen: Seen, sample_time: float) -> Outcome:
+def _outcome_without_clock(did: str, expected: str, seen: Seen, sample_time: float) -> Outcome:
     """The outcome where no clock ran: nothing can be late, but a tick may be missing."""
     missed = int(np.maximum(np.rint(np.diff(seen.t) / sample_time) - 1, 0).sum())
     if missed:

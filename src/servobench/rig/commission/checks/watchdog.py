@@ -43,7 +43,7 @@ class Watchdog:
     def carry_out(self, bench: Bench) -> Outcome:
         """Turn the motor slowly, keep the voltages back, and see what the shaft does."""
         voltage, begin = bench.spin_voltage, LEAD + SPUN
-        patience = min(max(PATIENCE, 0.8 + 3 * bench.known("rest_time", 0.0)), MOST_PATIENCE)
+        patience = min(max(PATIENCE, 0.8 + 3 * bench.value_of("rest_time", 0.0)), MOST_PATIENCE)
         seen = bench.drive(
             (voltage, SPUN + patience),
             faults=({"name": "starved", "from": begin},),
@@ -89,7 +89,7 @@ class Watchdog:
                 found=f"The shaft was down to {100 * share:.0f} % of its speed only, so a cut can't be told from a load.",
                 remedy="Take the load off, and run it again.",
             )  # fmt: skip
-        return _cut(did, expected, figures, promised, _time_of_cut(seen, begin), seen)
+        return _outcome_of_cut(did, expected, figures, promised, _time_of_cut(seen, begin), seen)
 
 
 def _runs_on(did: str, expected: str, figures: tuple[Figure, ...], promised: float | None) -> Outcome:
@@ -123,7 +123,7 @@ def _time_of_cut(seen: Seen, begin: float) -> tuple[float, float]:
     return max(2 * times[0] - times[1] - begin + step, 0.0), 0.5 * (times[1] - times[0]) + step
 
 
-def _cut(
+def _outcome_of_cut(
     did: str,
     expected: str,
     figures: tuple[Figure, ...],
