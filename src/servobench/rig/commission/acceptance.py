@@ -11,7 +11,7 @@ from servobench.core.channels import DeviceInfo
 from servobench.core.errors import DeviceError, UsageError
 from servobench.core.json_numbers import finite
 from servobench.rig.commission.bench import Bench, CheckEnded
-from servobench.rig.commission.checks.base import Check, Outcome, State, in_order, no_outcome
+from servobench.rig.commission.checks.base import Check, Outcome, State, as_sentence, in_order, no_outcome
 
 SCHEMA = "servobench.commission/1"
 STATES: tuple[State, ...] = ("verified", "failed", "unsupported", "unknown")
@@ -194,11 +194,15 @@ def _carry_out(bench: Bench, name: str, check: Check) -> _Turn:
     except DeviceError as error:
         if first:
             raise
-        return _Turn(_early_outcome("failed", f"{error}.", "Look at the supply and the cable."), failed)
+        return _Turn(
+            _early_outcome("failed", as_sentence(str(error)), "Look at the supply and the cable."), failed
+        )
     except UsageError as error:
         if first:
             raise
-        return _Turn(_early_outcome("unknown", f"The device refuses it: {error}.", "Change its settings."))
+        return _Turn(
+            _early_outcome("unknown", as_sentence(f"the device refuses it: {error}"), "Change its settings.")
+        )
     return _Turn(outcome, failed if check.halts and outcome.state == "failed" else "")
 
 

@@ -11,7 +11,7 @@ from servobench.core.errors import UsageError
 from servobench.core.finding import Severity
 from servobench.core.rounding import plain, with_unit
 from servobench.recordings.recording import Recording, Stopped
-from servobench.rig.commission.checks.base import SETTLED, Outcome
+from servobench.rig.commission.checks.base import Outcome, as_sentence
 from servobench.rig.commission.seen import Seen
 from servobench.rig.devices.base import Device
 from servobench.rig.experiment import Experiment
@@ -114,8 +114,9 @@ class Bench:
         return otherwise
 
     def is_settled(self, check: str) -> bool:
-        """Whether a check came out so that others can build on it: verified, or unsupported."""
-        return check in self.outcomes and self.outcomes[check].state in SETTLED
+        """Whether a check came out so that others can build on it: it was carried out, and didn't fail."""
+        outcome = self.outcomes.get(check)
+        return outcome is not None and outcome.carried_out and outcome.state != "failed"
 
     @property
     def allowed(self) -> float:
@@ -166,11 +167,13 @@ class Bench:
         settings: Mapping[str, Any] | None = None,
         tail: float | None = None,
         may_end: bool = False,
+        may_lose: bool = False,
     ) -> Seen:
         """Put voltages [V] out, each for a time [s], with zero volts before and after, and return what was seen.
 
         `faults` are injected; `limits` and `settings` of the device are those of this run alone. With `may_end` the guard or the
-        device may end it. Raises `CheckEnded` where the run is cut short, or the shaft doesn't come to rest.
+        device may end it, with `may_lose` the device may stop answering. Raises `CheckEnded` where the run is cut short, or the
+        shaft doesn't come to rest.
         """
         self._check_interlock(segments)
         tail = self.tail if tail is None else tail
@@ -188,7 +191,8 @@ class Bench:
             choice = choice.model_copy(update={"faults": (*choice.faults, *faults)})
         if settings:
             choice = choice.model_copy(update={"settings": {**choice.settings, **settings}})
-        seen = self._run(asked.model_copy(update={"device": choice}), may_end=may_end)
+        asked = asked.model_copy(update={"device": choice})
+        seen = self._run(asked, may_end=may_end, may_lose=may_lose)
         if tail and seen.recording.stopped.reason == "finished":
             self._check_rest(seen)
         return seen
@@ -198,7 +202,7 @@ class Bench:
         stopped = seen.recording.stopped
         if stopped.reason == "fault":
             raise CheckEnded(
-                f"The run was cut short: {stopped.sentence}.",
+                as_sentence(f"the run was cut short: {stopped.sentence}"),
                 "See to that first, then run it again.",
                 halts=False,
             )
@@ -238,7 +242,9 @@ class Bench:
             }
         )
 
-    def _run(self, asked: Experiment, *, look: Look | None = None, may_end: bool = False) -> Seen:
+    def _run(
+        self, asked: Experiment, *, look: Look | None = None, may_end: bool = False, may_lose: bool = False
+    ) -> Seen:
         again = len(self._begun) + 1
         name = (
             f"{len(self.outcomes) + 1:02d}-{self._check.replace('_', '-')}{f'-{again}' if again > 1 else ''}"
@@ -259,10 +265,11 @@ class Bench:
         if dangers:
             raise CheckEnded(" ".join(dangers), "Cut the supply.", halts=True)
         if stopped.reason == "interrupted":
-            raise CheckEnded(f"It was {stopped.sentence}.", "Run it again.", halts=True, interrupted=True)
-        if stopped.reason in ("device_lost", "error"):
-            sentence = f"{stopped.sentence[:1].upper()}{stopped.sentence[1:]}."
-            raise CheckEnded(sentence, "Look at the supply and the cable.", halts=True)
+            raise CheckEnded(
+                as_sentence(f"it was {stopped.sentence}"), "Run it again.", halts=True, interrupted=True
+            )
+        if stopped.reason in ("device_lost", "error") and not may_lose:
+            raise CheckEnded(as_sentence(stopped.sentence), "Look at the supply and the cable.", halts=True)
         seen = Seen.of(recording)
         if not may_end:
             self.check_end(seen)

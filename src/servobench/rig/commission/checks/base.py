@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
 
 State: TypeAlias = Literal["verified", "failed", "unsupported", "unknown"]
-SETTLED: tuple[State, ...] = ("verified", "unsupported")
-"""What other checks can build on."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,12 +48,21 @@ class Outcome:
     found: str
     figures: tuple[Figure, ...] = ()
     remedy: str = ""
+    carried_out: bool = True
+    """Whether the check had its turn."""
     learned: Mapping[str, float] = field(default_factory=dict)
+
+
+def as_sentence(text: str) -> str:
+    """Return what a device or the guard said as a sentence: with a capital letter and one full stop."""
+    text = text.rstrip(". ")
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def no_outcome(reason: str) -> Outcome:
     """Return the outcome of a check that wasn't carried out, for a reason that ends a sentence."""
-    return Outcome(state="unknown", did="Nothing.", expected="", found=f"Not carried out, as {reason}.")
+    found = f"Not carried out, as {reason}."
+    return Outcome(state="unknown", did="Nothing.", expected="", found=found, carried_out=False)
 
 
 class Check(Protocol):
@@ -66,7 +73,7 @@ class Check(Protocol):
     place: ClassVar[int]
     """Checks are carried out in the order of these numbers; up to 29 at zero volts."""
     needs: ClassVar[tuple[str, ...]]
-    """The checks that have to be verified or unsupported before."""
+    """The checks that have to be carried out before without failing."""
     halts: ClassVar[bool]
     """Whether nothing is driven any more where it fails."""
     picture: ClassVar[str]

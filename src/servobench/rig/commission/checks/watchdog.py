@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.rounding import milliseconds, plain, with_unit
 from servobench.rig.commission.bench import LEAD
-from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, as_sentence
 
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
@@ -50,6 +50,7 @@ class Watchdog:
             # The guard doesn't know that its voltages are kept back.
             limits={"plausibility": None},
             tail=0.0,
+            may_lose=True,
         )
         before = seen.speed(begin - BEFORE, begin)
         after = seen.speed(seen.duration - END, math.inf)
@@ -69,6 +70,15 @@ class Watchdog:
             Figure(name="speed in the end", value=after / bench.speed_unit[0], unit=bench.speed_unit[1]),
         )
         still = bench.wait(2 * END)  # the stop came through
+        if seen.recording.stopped.reason == "device_lost":
+            time = seen.duration - begin
+            return Outcome(
+                state="unknown", did=did, expected=expected,
+                figures=(figures[0], Figure(name="time until it stopped answering", value=time, unit="s")),
+                found=f"The device stopped answering {with_unit(time, 's', 2)} after the last voltage, so that nothing was seen "
+                f"of the shaft. {as_sentence(seen.recording.stopped.sentence)}",
+                remedy="Turn the motor with `servobench run`, kill that (kill -9), and see whether the shaft slows down at once.",
+            )  # fmt: skip
         share = after / before if before else math.nan
         if not abs(share) < math.inf or abs(before) * BEFORE < CLEAR:
             return Outcome(
