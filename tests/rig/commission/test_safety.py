@@ -203,3 +203,16 @@ def test_a_device_that_can_not_be_opened_is_an_error_and_no_outcome() -> None:
 
     with pytest.raises(DeviceError, match="nobody there"):
         commissioned(Absent)
+
+
+@pytest.mark.parametrize(("every", "expected"), [(20, "unknown"), (70, "verified")])
+def test_a_computer_that_is_too_late_is_told_from_a_bench_that_fails(every: int, expected: str) -> None:
+    found = commissioned(faults=[{"name": "slow_read", "takes": "10 ms", "every": every}])
+
+    assert found.outcome("rest").state == expected
+    if expected == "unknown":
+        assert "missed" in found.outcome("rest").found
+        assert "was cut short" in found.acceptance.ended
+        assert {name for name, _ in found.put_out} == {"rest"}
+    else:
+        assert found.outcome("timing").state == "failed"

@@ -178,19 +178,18 @@ def _carry_out(bench: Bench, name: str, check: Check) -> _Turn:
         titles = {other: kind.title for other, kind in in_order()}
         state = bench.outcomes[missing[0]].state
         return _Turn(no_outcome(f"“{titles[missing[0]]}” {'is unknown' if state == 'unknown' else state}"))
-    first, failed, stopped = (
-        not bench.recordings,
-        f"“{check.title}” failed",
-        f"“{check.title}” was interrupted",
+    first = not bench.recordings
+    failed, interrupted, cut_short = (
+        f"“{check.title}” {word}" for word in ("failed", "was interrupted", "was cut short")
     )
     try:
         outcome = check.carry_out(bench)
     except CheckEnded as end:
-        outcome = _early_outcome("unknown" if end.interrupted else "failed", end.sentence, end.remedy)
-        ended = (stopped if end.interrupted else failed) if end.halts or check.halts else ""
-        return _Turn(outcome, ended, end.interrupted)
+        why = interrupted if end.interrupted else failed if end.state == "failed" else cut_short
+        outcome = _early_outcome(end.state, end.sentence, end.remedy)
+        return _Turn(outcome, why if end.halts or check.halts else "", end.interrupted)
     except KeyboardInterrupt:
-        return _Turn(_early_outcome("unknown", "It was interrupted.", "Run it again."), stopped, True)
+        return _Turn(_early_outcome("unknown", "It was interrupted.", "Run it again."), interrupted, True)
     except DeviceError as error:
         if first:
             raise
@@ -213,6 +212,7 @@ def _early_outcome(state: State, sentence: str, remedy: str) -> Outcome:
         expected="The run goes on to its end.",
         found=sentence,
         remedy=remedy,
+        carried_out=False,
     )
 
 

@@ -8,10 +8,10 @@ from typing import Any, Protocol, TypeAlias
 
 from servobench.core.channels import DeviceInfo
 from servobench.core.errors import UsageError
-from servobench.core.finding import Severity
+from servobench.core.finding import Finding, Severity
 from servobench.core.rounding import plain, with_unit
 from servobench.recordings.recording import Recording, Stopped
-from servobench.rig.commission.checks.base import Outcome, as_sentence
+from servobench.rig.commission.checks.base import Outcome, State, as_sentence
 from servobench.rig.commission.seen import Seen
 from servobench.rig.devices.base import Device
 from servobench.rig.experiment import Experiment
@@ -47,12 +47,24 @@ class Person(Protocol):
 
 
 class CheckEnded(Exception):
-    """A run that ended a check before its time: what happened and what to do, and whether nothing may be driven any more."""
+    """A run that ended a check before its time: what happened, what to do, and the state that the check is in.
 
-    def __init__(self, sentence: str, remedy: str, *, halts: bool, interrupted: bool = False) -> None:
+    `halts` says that nothing may be driven any more, `interrupted` that somebody asked for the end.
+    """
+
+    def __init__(
+        self,
+        sentence: str,
+        remedy: str,
+        state: State = "failed",
+        *,
+        halts: bool = False,
+        interrupted: bool = False,
+    ) -> None:
         super().__init__(sentence)
         self.sentence = sentence
         self.remedy = remedy
+        self.state: State = state
         self.halts = halts
         self.interrupted = interrupted
 
@@ -155,9 +167,9 @@ class Bench:
         """Return the names of the runs of the current check."""
         return tuple(self._begun)
 
-    def wait(self, duration: float, look: Look | None = None) -> Seen:
-        """Record at zero volts for that time [s], or until `look` sees the end."""
-        return self._run(self._experiment(_still(), duration), look=look)
+    def wait(self, duration: float, look: Look | None = None, *, may_end: bool = False) -> Seen:
+        """Record at zero volts for that time [s], or until `look` sees the end; with `may_end` the guard may end it."""
+        return self._run(self._experiment(_still(), duration), look=look, may_end=may_end)
 
     def drive(
         self,
@@ -198,14 +210,15 @@ class Bench:
         return seen
 
     def check_end(self, seen: Seen) -> None:
-        """Raise `CheckEnded` where the guard or the device ended a run."""
+        """Raise `CheckEnded` where the guard or the device ended a run; where the computer was late, nothing is known."""
         stopped = seen.recording.stopped
-        if stopped.reason == "fault":
-            raise CheckEnded(
-                as_sentence(f"the run was cut short: {stopped.sentence}"),
-                "See to that first, then run it again.",
-                halts=False,
-            )
+        if stopped.reason != "fault":
+            return
+        sentence = as_sentence(f"the run was cut short: {stopped.sentence}")
+        if any(map(_is_lateness, seen.recording.findings)):
+            remedy = "Close what keeps the computer busy, and run it again."
+            raise CheckEnded(sentence, remedy, "unknown")
+        raise CheckEnded(sentence, "See to that first, then run it again.")
 
     @property
     def tail(self) -> float:
@@ -266,7 +279,11 @@ class Bench:
             raise CheckEnded(" ".join(dangers), "Cut the supply.", halts=True)
         if stopped.reason == "interrupted":
             raise CheckEnded(
-                as_sentence(f"it was {stopped.sentence}"), "Run it again.", halts=True, interrupted=True
+                as_sentence(f"it was {stopped.sentence}"),
+                "Run it again.",
+                "unknown",
+                halts=True,
+                interrupted=True,
             )
         if stopped.reason in ("device_lost", "error") and not may_lose:
             raise CheckEnded(as_sentence(stopped.sentence), "Look at the supply and the cable.", halts=True)
@@ -286,6 +303,12 @@ class Bench:
                 "Cut the supply. Find what still drives the motor before you go on.",
                 halts=True,
             )
+
+
+def _is_lateness(finding: Finding) -> bool:
+    """Whether a finding says that the computer was too late: the guard's watchdog, or many missed samples."""
+    many = finding.code == "samples-missed" and finding.severity is Severity.WARNING
+    return many or finding.code == "watchdog"
 
 
 def _still() -> Mapping[str, Any]:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from servobench.core.rounding import count_text, milliseconds, percent
-from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
+from servobench.core.rounding import count_text, milliseconds
+from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, as_sentence
 from servobench.rig.lateness import lateness
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 DURATION = 3.0  # s
 LATE = 0.5  # of a sample time, for 99 of 100 samples
+REMEDY = "Close other programs, allow real-time scheduling, use a longer sample time, or a device that keeps the time itself."
 
 
 @CHECKS.member("timing")
@@ -30,15 +31,20 @@ class Timing:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts, and look at the times."""
-        seen = bench.wait(DURATION)
+        seen = bench.wait(DURATION, may_end=True)
         did = f"0 V for {DURATION:g} s at {1 / bench.sample_time:g} Hz; each sample's time was compared with its schedule."
         most = LATE * bench.sample_time
         expected = f"No tick is missing, and 99 % of the samples are late by at most {milliseconds(most)} ms."
+        stopped = seen.recording.stopped
+        if stopped.reason == "fault":
+            return Outcome(
+                state="failed", did=did, expected=expected, found=as_sentence(f"the run was cut short: {stopped.sentence}"),
+                figures=(Figure(name="time until then", value=seen.duration, unit="s"),), remedy=REMEDY,
+            )  # fmt: skip
         late = lateness(seen.recording)
         if late is None:
             return _outcome_without_clock(did, expected, seen, bench.sample_time)
         punctual = late.missed == 0 and late.p99 <= most
-        missing = late.missed / (late.samples + late.missed)
         return Outcome(
             state="verified" if punctual else "failed",
             did=did,
@@ -49,10 +55,7 @@ class Timing:
                 Figure(name="lateness, largest", value=round(late.largest, 9), unit="s"),
                 Figure(name="ticks missed", value=late.missed, unit="1"),
             ),
-            remedy=""
-            if punctual
-            else f"{percent(100 * missing)} % of the ticks are missing. Close other programs, allow "
-            "real-time scheduling, use a longer sample time, or a device that keeps the time itself.",
+            remedy="" if punctual else REMEDY,
         )
 
 
@@ -62,7 +65,7 @@ def _outcome_without_clock(did: str, expected: str, seen: Seen, sample_time: flo
     if missed:
         return Outcome(
             state="failed", did=did, expected=expected, found=f"{count_text(missed, 'tick')} went by without a sample.",
-            figures=(Figure(name="ticks missed", value=missed, unit="1"),), remedy="Find what holds the device up.",
+            figures=(Figure(name="ticks missed", value=missed, unit="1"),), remedy=REMEDY,
         )  # fmt: skip
     return Outcome(
         state="unsupported", did=did, expected=expected, found="The device's time is computed, so nothing can be late.",
