@@ -23,7 +23,7 @@ def test_the_dead_band_lies_in_its_interval(torque: float, dead_band: float) -> 
     moved, _ = found.figure("stop", "voltage of the pulse")
 
     for way in ("forwards", "backwards"):
-        _, interval = found.figure("dead_band", f"breaks away {way}")
+        _, interval = found.figure("dead_band", f"breakaway voltage {way}")
         assert interval is not None
         assert interval[0] <= truth <= interval[1]
         # Two steps of the staircase, which goes in 24 steps to 1.5 times the voltage that moved the shaft.

@@ -15,7 +15,7 @@ from tests.rig.simavr.lockstep import Bench
 
 INTERVALS = {
     "watchdog": ("time until the cut", 0.05),  # the board's default
-    "dead_band": ("breaks away forwards", motor().truth["coulomb_voltage"]),
+    "dead_band": ("breakaway voltage forwards", motor().truth["coulomb_voltage"]),
 }
 
 

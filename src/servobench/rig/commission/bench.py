@@ -105,7 +105,7 @@ class Bench:
             raise UsageError(f"the voltage limit is {limit:g} V; expected one above 0 V, up to {own:g} V")
         self.limit = own if limit is None else min(limit, own)
         self.own_watchdog: float | None = getattr(device, "own_watchdog", None)
-        self.own_stall = "stall_voltage" in type(device).Settings.model_fields if choice.name else False
+        self.own_stall = hasattr(getattr(device, "settings", None), "stall_voltage")
         self.sample_time = sample_time
         self.person = person
         self.until_wrap = until_wrap
@@ -269,10 +269,10 @@ class Bench:
             recording = replace(error.recording, name=name, stopped=lost)
         self._begun.append(name)
         self.recordings[name] = recording
-        if recording.info is not None:
-            self.info = replace(
-                recording.info, settings=_without_faults(recording.info.settings, self.info.settings)
-            )
+        if recording.info is not None and len(self.recordings) == 1:
+            self.info = (
+                recording.info
+            )  # only now it knows its firmware; later runs may have settings of their own
         stopped = recording.stopped
         dangers = [each.sentence for each in recording.findings if each.severity is Severity.DANGER]
         if dangers:
@@ -313,10 +313,3 @@ def _is_lateness(finding: Finding) -> bool:
 
 def _still() -> Mapping[str, Any]:
     return {"type": "constant", "value": 0.0}
-
-
-def _without_faults(
-    now: tuple[tuple[str, str], ...], before: tuple[tuple[str, str], ...]
-) -> tuple[tuple[str, str], ...]:
-    """A device's settings as they stand in its runs, but for the faults that one check injects."""
-    return tuple(each for each in now if each[0] != "faults" or each in before)

@@ -1,4 +1,4 @@
-"""The voltage that moves the shaft at last, either way."""
+"""The breakaway voltage, of dead band and friction together, either way."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class DeadBand:
     so the last step that surely didn't move it is the one before that.
     """
 
-    title: ClassVar[str] = "Dead band"
+    title: ClassVar[str] = "Dead band and friction"
     place: ClassVar[int] = 70
     needs: ClassVar[tuple[str, ...]] = ("stop", "watchdog")
     halts: ClassVar[bool] = False
@@ -57,7 +57,7 @@ class DeadBand:
                 remedy="Look for a shaft that sticks in places: a brake, a bent shaft, a tight belt, a bearing.",
             )  # fmt: skip
         figures = tuple(
-            Figure(name=f"breaks away {way}", value=0.5 * sum(interval), unit="V", interval=interval)
+            Figure(name=f"breakaway voltage {way}", value=0.5 * sum(interval), unit="V", interval=interval)
             for way, interval in found.items()
             if interval is not None
         )
@@ -67,7 +67,7 @@ class DeadBand:
             state="verified" if small else "failed",
             did=did,
             expected=expected,
-            found=f"The shaft turns from {figures[0]} forwards and {figures[1]} backwards.",
+            found=f"The breakaway voltage is {figures[0]} forwards and {figures[1]} backwards.",
             figures=figures,
             remedy=""
             if small
