@@ -158,6 +158,7 @@ def bench(opened: list[Experiment]) -> Bench:
         (("rest",), [(1.0, 0.06), (0.0, 0.1), (-1.0, 0.06)]),
         (("rest", "stop"), [(0.7, 1.0)]),
         (("rest", "stop", "watchdog"), [(10.1, 1.0)]),
+        (("rest", "stop", "watchdog"), [(1.0, 1.0), (float("nan"), 1.0)]),
     ],
 )
 def test_a_check_that_asks_for_more_than_is_proved_opens_no_device(
@@ -171,6 +172,21 @@ def test_a_check_that_asks_for_more_than_is_proved_opens_no_device(
 
     with pytest.raises(Interlock, match=r"allowed|before a stop was seen"):
         Greedy(*segments).carry_out(early)
+
+    assert not opened
+
+
+@pytest.mark.promise("S66")
+@pytest.mark.parametrize(
+    "limits", [{"start": {"voltage": 1.0}}, {"terminate": {"voltage": 1.0}}, {"voltage": 12.0}]
+)
+def test_a_check_can_not_change_what_is_put_out_by_the_way(limits: dict[str, Any]) -> None:
+    opened: list[Experiment] = []
+    early = bench(opened)
+    early.begin("sly")
+
+    with pytest.raises(Interlock, match="no monitor"):
+        early.drive((0.0, 1.0), limits=limits)
 
     assert not opened
 

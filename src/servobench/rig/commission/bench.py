@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, TypeAlias
 
 from servobench.core.channels import DeviceInfo
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, Severity
-from servobench.core.rounding import plain, with_unit
+from servobench.core.rounding import plain
 from servobench.recordings.recording import Recording, Stopped
 from servobench.rig.commission.checks.base import Outcome, State, as_sentence
 from servobench.rig.commission.seen import Seen
@@ -29,6 +29,8 @@ LEAD, TAIL = 0.2, 1.5  # s at zero volts before a run's first voltage, and the l
 REST = 0.2  # s; the end of a run, in which the shaft has to be at rest
 QUIET = 2.0  # counts; an encoder between two lines may flicker by one either way
 LONGEST_TAIL = 10.0  # s
+MONITORS = frozenset({"stall", "plausibility", "possible_speed", "current", "speed", "travel"})
+"""The limits that a check may change: they end runs, and put nothing out."""
 COAST = 8.0  # s; how long a heavy shaft may coast once 0 V were seen to stop it
 
 Runner: TypeAlias = Callable[[Experiment, str, Look | None], Recording]
@@ -151,11 +153,6 @@ class Bench:
         per_rev = channel.counts_per_rev if channel else None
         return (per_rev / 6.283185307179586, "rad/s") if per_rev else (1.0, "counts/s")
 
-    def speed_text(self, speed: float) -> str:
-        """Return a speed [counts/s] for a sentence."""
-        factor, unit = self.speed_unit
-        return with_unit(speed / factor, unit, 3)
-
     # What is done
 
     def begin(self, check: str) -> None:
@@ -187,7 +184,7 @@ class Bench:
         device may end it, with `may_lose` the device may stop answering. Raises `CheckEnded` where the run is cut short, or the
         shaft doesn't come to rest.
         """
-        self._check_interlock(segments)
+        self._check_interlock(segments, limits or {})
         tail = self.tail if tail is None else tail
         parts = [(0.0, LEAD), *segments, *([(0.0, tail)] if tail else [])]
         signal = {
@@ -230,15 +227,16 @@ class Bench:
         """By how many counts a shaft at rest may seem to move."""
         return QUIET + self.value_of("noise", 0.0)
 
-    def _check_interlock(self, segments: tuple[tuple[float, float], ...]) -> None:
-        largest = max((abs(voltage) for voltage, _ in segments), default=0.0)
-        if largest > self.allowed * (1 + 1e-9):
-            raise Interlock(
-                f"{self._check}: {largest:g} V were asked for; {self.allowed:g} V are allowed by now"
-            )
+    def _check_interlock(self, segments: Sequence[tuple[float, float]], limits: Mapping[str, Any]) -> None:
+        # Asked this way round, as NaN isn't beyond any limit.
+        if not all(abs(voltage) <= self.allowed * (1 + 1e-9) for voltage, _ in segments):
+            asked = ", ".join(f"{voltage:g} V" for voltage, _ in segments)
+            raise Interlock(f"{self._check}: {self.allowed:g} V are allowed by now; it asked for {asked}")
         driven = sum(duration for voltage, duration in segments if voltage)
-        if not self.is_settled("stop") and driven > PULSE_TIME * (1 + 1e-9):
+        if not (self.is_settled("stop") or driven <= PULSE_TIME * (1 + 1e-9)):
             raise Interlock(f"{self._check}: {driven:g} s of a voltage were asked for before a stop was seen")
+        if not MONITORS.issuperset(limits):
+            raise Interlock(f"{self._check}: limits that no monitor has, {', '.join(limits)}, aren't allowed")
 
     def _experiment(
         self, signal: Mapping[str, Any], duration: float, limits: Mapping[str, Any] | None = None
