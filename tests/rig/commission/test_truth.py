@@ -30,6 +30,15 @@ def test_the_dead_band_lies_in_its_interval(torque: float, dead_band: float) -> 
         assert interval[1] - interval[0] <= 2 * 1.5 * moved / 24 * (1 + 1e-9)
 
 
+def test_friction_beyond_a_fifth_of_the_range_is_too_much_and_is_measured_all_the_same() -> None:
+    found = commissioned(limit=0.5)
+    _, interval = found.figure("dead_band", "breakaway voltage forwards")
+
+    assert found.outcome("dead_band").state == "failed"
+    assert interval is not None
+    assert interval[0] <= RESISTANCE * 8e-4 / CONSTANT <= interval[1]
+
+
 @pytest.mark.parametrize("watchdog", [0.02, 0.05, 0.2, 0.5])
 def test_the_time_of_the_watchdog_lies_in_its_interval(watchdog: float) -> None:
     found = commissioned(watchdog=watchdog)

@@ -35,7 +35,7 @@ class DeadBand:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Climb both staircases, with zero volts in between."""
-        top = min(TOP * bench.value_of("moving_voltage"), PART * TOP * bench.limit, bench.allowed)
+        top = min(TOP * bench.value_of("moving_voltage"), bench.allowed)
         levels = top * np.arange(1, STEPS + 1) / STEPS
         pause = bench.tail
         up = [(float(level), DWELL) for level in levels]

@@ -72,7 +72,10 @@ class Delay:
         sure = abs(mean - stated) + half <= most
         remedy = ""
         if beyond:
-            remedy = f"Set the device's delay to {milliseconds(mean)} ms, or find what delays: the bus, the driver, a filter."
+            remedy = (
+                f"Find what delays: the bus, the driver, a filter. If it has to be, let the device say "
+                f"{milliseconds(mean)} ms in its info, so that control and identification know it."
+            )
         elif not sure:
             remedy = (
                 "The interval reaches beyond what is expected: allow a larger voltage (`voltage_limit=...`)."
