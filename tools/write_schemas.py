@@ -20,6 +20,7 @@ them. `a.b` is the key `b` of the object `a`, and `a.*.b` that of each object in
 
 FROM = {
     "catalogue-1": "[`servobench signals --json`](commands.md#lists) and the other lists",
+    "commission-1": "[`servobench commission --json`](commands.md#commission)",
     "design-1": "[`servobench design --json`](commands.md#design)",
     "handed-out-1": "[`servobench lab assess --json`](commands.md#lab-assess)",
     "each-1": "[`servobench identify --each --json`](commands.md#identify), a line for each file",

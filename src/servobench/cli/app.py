@@ -11,6 +11,7 @@ import typer
 
 from servobench._version import __version__
 from servobench.cli.chains import chains
+from servobench.cli.commission import commission
 from servobench.cli.completion import completion
 from servobench.cli.controllers import controllers
 from servobench.cli.convert import convert
@@ -80,6 +81,7 @@ for command in (
     run,
     identify,
     watch,
+    commission,
     why,
     design,
     tune,

@@ -10,27 +10,27 @@ if TYPE_CHECKING:
     from servobench.rig.experiment import DeviceChoice
 
 
-def device_choice(text: str, in_file: DeviceChoice, where: str) -> DeviceChoice:
+def device_choice(text: str, in_file: DeviceChoice, where: str, said: str = "--device ") -> DeviceChoice:
     """Return the device that a text such as `rig:/dev/ttyUSB0 supply=9V` names, with the faults of the one in the file.
 
     Where it is the device in the file the settings in the file hold, too, unless the text says others. `where` says where else
-    settings can be given, with {} in place of the name. Raises `UsageError` for a text that names no device, or leaves out a
-    setting that the device needs.
+    settings can be given, with {} in place of the name; `said` is what stands before the text on the command line. Raises
+    `UsageError` for a text that names no device, or leaves out a setting that the device needs.
     """
     from servobench.core.errors import UsageError
     from servobench.rig.devices.base import missing_settings
 
-    name, given = _read(text)
+    name, given = _read(text, said)
     settings: Mapping[str, Any] = {**in_file.settings, **given} if name == in_file.name else given
     if missing := missing_settings(name, settings):
-        lines = [f"--device {text}: {each}" for each in missing]
+        lines = [f"{said}{text}: {each}" for each in missing]
         raise UsageError(
             "\n".join([*lines, f"settings are given behind the name, as key=value, or {where.format(name)}"])
         )
     return in_file.model_copy(update={"name": name, "settings": settings})
 
 
-def _read(text: str) -> tuple[str, dict[str, Any]]:
+def _read(text: str, said: str) -> tuple[str, dict[str, Any]]:
     """The name and the settings in a text."""
     from servobench.core.errors import UsageError
     from servobench.rig.devices.base import DEVICES
@@ -41,7 +41,7 @@ def _read(text: str) -> tuple[str, dict[str, Any]]:
         words = []
     if not words:
         raise UsageError(
-            f"--device {text!r} can't be read; expected a name and settings: rig:/dev/ttyUSB0 supply=9V"
+            f"{said}{text!r} can't be read; expected a name and settings: rig:/dev/ttyUSB0 supply=9V"
         )
     name, colon, address = words[0].partition(":")
     given: dict[str, Any] = {}
@@ -49,15 +49,15 @@ def _read(text: str) -> tuple[str, dict[str, Any]]:
         setting = getattr(DEVICES[name], "address", None)
         if setting is None or not address:
             raise UsageError(
-                f"--device {words[0]}: {'nothing stands' if setting else f'the device {name} takes nothing'} behind the colon; "
-                f"expected --device {name}{':' + setting.upper() if setting else ''}"
+                f"{said}{words[0]}: {'nothing stands' if setting else f'the device {name} takes nothing'} behind the colon; "
+                f"expected {said}{name}{':' + setting.upper() if setting else ''}"
             )
         given[setting] = address
     for word in words[1:]:
         key, sign, value = word.partition("=")
         if not (key and sign and value) or key in given:
             raise UsageError(
-                f"--device {text!r}: {word!r} isn't a setting, or occurs twice; expected key=value, as in supply=9V"
+                f"{said}{text!r}: {word!r} isn't a setting, or occurs twice; expected key=value, as in supply=9V"
             )
         given[key] = _value(value)
     return name, given

@@ -101,6 +101,14 @@ class Progress:
                 self._put("")
             messages().print(Text(one_line(sentence), style="dim"), soft_wrap=True)
 
+    @contextmanager
+    def pause(self) -> Iterator[None]:
+        """Take the line away while something else is printed."""
+        with self._writing:
+            if is_terminal(self._stream):
+                self._put("")
+            yield
+
     def alarm(self, sentence: str) -> None:
         """Print at once what a person beside the motor has to know; the current step is no longer shown as running."""
         self.begin("")

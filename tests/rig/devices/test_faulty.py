@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from servobench.core.channels import Sample
 from servobench.core.errors import DeviceError, UnknownName, UsageError
 from servobench.core.finding import Severity
-from servobench.rig.devices.base import Device
+from servobench.recordings.recording import Stopped
+from servobench.rig.devices.base import Device, RunEnded
 from servobench.rig.devices.faults.base import FAULTS, Fault, fault_from, table_of, text_of
 from servobench.rig.devices.faulty import Faulty, injection_findings
 from servobench.rig.devices.replay import Replay
@@ -40,6 +41,7 @@ EXAMPLES = {
     "restart": "restart from=1s",
     "slow_read": f"slow_read {TIME} every=10 takes=5ms",
     "stale": f"stale {TIME} every=10",
+    "starved": f"starved {TIME}",
     "stuck_channel": f"stuck_channel {TIME} channel=B",
 }
 """Each fault once, with nothing wrong before 1 s."""
@@ -74,7 +76,7 @@ def test_every_fault_has_an_example_here_and_a_test_of_its_own() -> None:
 # What holds for every fault.
 
 
-@pytest.mark.parametrize("name", [name for name in FAULTS.names() if name != "counter_wrap"])
+@pytest.mark.parametrize("name", [name for name in FAULTS.names() if name not in ("counter_wrap", "starved")])
 def test_nothing_is_wrong_before_its_time_and_something_is_afterwards(name: str) -> None:
     plain, found = undisturbed(700), some_of(faulty(EXAMPLES[name]), 700)
 
@@ -325,6 +327,52 @@ def test_dropouts_of_all_edges_lose_all_of_a_burst_in_either_direction() -> None
 
         expected = [c - plain[min(max(k, FIRST), FIRST + 10)].counts for k, c in enumerate(counts(plain))]
         assert counts(found) == [c + plain[FIRST].counts for c in expected]
+
+
+def test_starved_keeps_the_last_voltage_where_nothing_watches_and_passes_the_next_on() -> None:
+    def voltage(k: int) -> float:
+        return 4.0 if k < FIRST else -4.0
+
+    found = driven(faulty(f"starved {TIME}"), 600, voltage)
+    late = driven(Twin(MOTOR), 600, lambda k: 4.0 if k <= LAST else -4.0)
+
+    assert counts(found) == counts(late)
+
+
+def test_starved_lets_a_watchdog_expire_and_the_stop_goes_through() -> None:
+    watched = TwinSettings(watchdog="20 ms")
+    motor, held = Twin(watched), Twin(MOTOR)
+    for twin, ends in ((motor, True), (held, False)):
+        device = Faulty(twin, [fault("starved from=1s")])
+        with device:
+            device.start(H, 0)
+            for _ in range(1500):
+                device.read()
+                device.write(4.0)
+            # By 2 s after the cut friction has stopped the shaft; 4 V make more than 90 rad/s.
+            assert (twin.state.speed == 0.0) == ends
+            device.stop()
+            assert twin.coast(5.0).speed == 0.0
+
+
+def test_starved_needs_a_device_that_is_driven() -> None:
+    with pytest.raises(UsageError, match="no voltage drives it"):
+        Faulty(replayed(), [fault("starved")])
+
+
+def test_starved_goes_on_after_a_device_that_ends_the_run_and_only_then() -> None:
+    class Ending(Twin):
+        def read(self) -> Sample:
+            sample = super().read()
+            if sample.index == 520:
+                raise RunEnded(Stopped(reason="fault", sentence="its watchdog tripped"))
+            return sample
+
+    found = driven(Faulty(Ending(MOTOR), [fault(f"starved {TIME}")]), 600)
+    assert [sample.index for sample in found][518:523] == [518, 519, 521, 522, 523]
+
+    with pytest.raises(RunEnded):
+        driven(Faulty(Ending(MOTOR), [fault("starved from=1.1s")]), 600)
 
 
 @pytest.mark.parametrize("channel", ["A", "B"])

@@ -203,3 +203,32 @@ print(before, len(compiled) - before)
     before, after = map(int, done.stdout.split())
     assert before > 0
     assert after == 0
+
+
+def test_its_watchdog_lets_the_motor_go_at_its_time_and_voltages_do_nothing_until_the_next_start() -> None:
+    with Twin(TwinSettings(watchdog="50 ms")) as motor, Twin() as other:
+        for twin in (motor, other):
+            twin.start(0.002, 0)
+            for _ in range(500):
+                twin.read()
+                twin.write(3.0)
+        cut = motor.read().counts, other.read().counts
+        other.write(3.0)
+        assert cut[0] == cut[1]
+        for _ in range(25):  # of the voltage before: 50 ms are over at the last of them
+            same = motor.read().counts, other.read().counts
+        assert same[0] == same[1]
+        for _ in range(1000):
+            motor.read()
+        assert motor.state.speed == 0.0
+        assert motor.write(3.0) == 0.0
+        motor.read()
+        assert motor.state.speed == 0.0
+
+        motor.start(0.002, 0)
+        motor.read()
+        assert motor.write(3.0) == 3.0
+
+
+def test_a_twin_without_a_watchdog_promises_none() -> None:
+    assert Twin().own_watchdog is None

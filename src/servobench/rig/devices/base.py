@@ -109,6 +109,16 @@ class Preloaded(Protocol):
         ...
 
 
+@runtime_checkable
+class SelfStopping(Protocol):
+    """What a device says besides that promises to let the motor go by itself where no voltage comes any more."""
+
+    @property
+    def own_watchdog(self) -> float | None:
+        """How long it waits for a voltage [s]; None where it waits for ever."""
+        ...
+
+
 def voltage_or_nan(voltage: object) -> float:
     """Return what is given as a voltage [V] as a float, NaN where it is no number; infinities stay."""
     value = math.nan

@@ -99,6 +99,7 @@ class Rig:
         self._watchdog_ms = milliseconds
         self._owner = secrets.randbelow(0xFFFF) + 1
         self._talk: Conversation | None = None
+        self._firmware = ""
         self._running = False
         self._driving = False
         self._preloaded: tuple[int, ...] = ()
@@ -131,8 +132,16 @@ class Rig:
             channels=tuple(channels),
             delay=LATCH_TO_DUTY if self._preloaded else 0.0,
             timing="device",
-            settings=tuple((name, str(value)) for name, value in given.items()),
+            settings=(
+                *((name, str(value)) for name, value in given.items()),
+                *((("firmware", self._firmware),) if self._firmware else ()),
+            ),
         )
+
+    @property
+    def own_watchdog(self) -> float:
+        """Time without a voltage after which the board cuts the motor off by itself [s]."""
+        return self._watchdog_ms / 1000
 
     def __enter__(self) -> Self:
         """Open the port, find the firmware there and claim the board; the bridge is off."""
@@ -254,6 +263,7 @@ class Rig:
                     f"rig: the firmware at {self.settings.port} speaks another protocol (schema {values['schema']:08x}, "
                     f"expected {protocol().schema:08x}); flash the one that belongs to this version: make -C firmware flash"
                 )
+            self._firmware = f"version {values['firmware']}, schema {values['schema']:08x}"
             return True
         return False
 

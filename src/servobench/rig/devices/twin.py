@@ -20,6 +20,7 @@ from servobench.core.settings import (
     Inductance,
     Inertia,
     MotorConstant,
+    PositiveTime,
     Resistance,
     Settings,
     Speed,
@@ -86,6 +87,8 @@ class TwinSettings(Settings):
     """How the equations are solved: exact, euler, rk4 or adaptive."""
     solver_step: Time | None = None
     """Longest step of the solver; without it a tick is one step [s]."""
+    watchdog: PositiveTime | None = None
+    """Time without a voltage after which the twin lets the motor go by itself; without it, never [s]."""
     timing: Literal["virtual", "host"] = "virtual"
     """Whether time is computed, as fast as can be, or waited for."""
 
@@ -153,6 +156,7 @@ class Twin:
         self._plant: Plant | None = None
         self._clock = time.perf_counter
         self._index, self._sample_time, self._started, self._coasted = -1, math.nan, 0.0, 0.0
+        self._fed = math.inf  # s; when the last voltage was written, for its watchdog
         if self.settings.timing == "host":
             self._load_kernels()
 
@@ -235,6 +239,7 @@ class Twin:
             self._random,
         )
         self._sample_time, self._index, self._coasted = sample_time, -1, 0.0
+        self._fed = math.inf
         self._started = self._clock()
         if self.settings.timing == "host":
             self._plant.advance_to(self._now())  # the first one loads what the next ones need
@@ -253,6 +258,8 @@ class Twin:
             raise UsageError("twin: on the wall clock a sample can't be taken later than it is requested")
         self._index += 1
         now = self._now() + delay
+        if self._has_expired(now):
+            plant.cut(self._fed + (self.own_watchdog or 0.0))
         i, w, theta = plant.advance_to(now)
         return Sample(
             index=self._index,
@@ -266,6 +273,9 @@ class Twin:
         """Hold a voltage [V] from now on, and return it within the amplifier's limits."""
         plant = self._require_plant()
         asked = finite_voltage("twin", voltage)
+        if self._has_expired(self._now()):
+            return 0.0
+        self._fed = self._now()
         plant.act(self._amplifier.output(asked), self._now() + self.settings.delay)
         return self._amplifier.saturate(asked)
 
@@ -284,6 +294,11 @@ class Twin:
         self._require_plant().blocked = blocked
 
     @property
+    def own_watchdog(self) -> float | None:
+        """Time without a voltage after which it lets the motor go by itself [s]; until the next start it stays so."""
+        return self.settings.watchdog
+
+    @property
     def state(self) -> MotorState:
         """The hidden truth: current [A], speed [rad/s] and angle [rad] at the last sample; for tests and pictures."""
         return self._require_plant().state
@@ -296,6 +311,11 @@ class Twin:
         plant = self._require_plant()
         self._coasted += duration
         return plant.advance_to(self._now() + self._coasted)
+
+    def _has_expired(self, now: float) -> bool:
+        """Whether its watchdog has cut the motor off."""
+        # A tick later than the time itself is a rounding error, not a silence.
+        return self.own_watchdog is not None and now - self._fed > self.own_watchdog * (1 + 1e-9)
 
     def _needs_open(self) -> None:
         if not self._open:

@@ -55,6 +55,7 @@ def run_where_its_time_passes(
     device: Device,
     *,
     to: str | os.PathLike[str] | None = None,
+    look: Look | None = None,
     alarm: Callable[[str], None] | None = None,
 ) -> Recording:
     """Carry out an experiment on the device that it names: here where its time is computed, otherwise in its own process.
@@ -63,11 +64,11 @@ def run_where_its_time_passes(
     """
     if device.info.timing == "virtual":
         with device as motor:
-            return run(experiment, motor, to=to)
+            return run(experiment, motor, to=to, look=look)
     if to is not None:
-        return run_live(experiment, to=to, alarm=alarm)
+        return run_live(experiment, to=to, look=look, alarm=alarm)
     with TemporaryDirectory(prefix="servobench-") as folder:
-        return run_live(experiment, to=Path(folder) / "recording.mcap", alarm=alarm)
+        return run_live(experiment, to=Path(folder) / "recording.mcap", look=look, alarm=alarm)
 
 
 class _Onlooker:
