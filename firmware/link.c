@@ -120,6 +120,8 @@ static void send_block(void) {
 static uint8_t start_sampling(const sampling_message *message) {
     if (message->block > 1)
         return REFUSED_VALUE;
+    if (!message->period && drive_needs_samples())
+        return REFUSED_STATE;
     sampling_start(message->period);
     index = 0;
     blocks = message->block;
@@ -187,6 +189,8 @@ static uint8_t size_of(uint8_t code) {
 static uint8_t take_owned(const uint8_t *payload, uint8_t length) {
     if (length != size_of(payload[0]))
         return REFUSED_UNKNOWN;
+    if (!check_agrees(payload, length))
+        return REFUSED_DAMAGED;
     uint16_t owner = ((const release_message *)payload)->owner; /* in all of them in the same place */
     if (!owner || owner != drive_owner())
         return REFUSED_OWNER;
@@ -197,23 +201,24 @@ static uint8_t take_owned(const uint8_t *payload, uint8_t length) {
     }
     case MESSAGE_GAINS: {
         const gains_message *message = (const gains_message *)payload;
-        return drive_gains(message->kp, message->ki);
+        return drive_gains(message->kp, message->ki, message->limit);
     }
     case MESSAGE_SAMPLING:
         return start_sampling((const sampling_message *)payload);
     case MESSAGE_ENABLE:
         return drive_enable(((const enable_message *)payload)->mode);
-    case MESSAGE_DUTY: {
-        const duty_message *message = (const duty_message *)payload;
-        return duty_agrees(message) ? drive_actuate(message->duty) : REFUSED_VALUE;
-    }
+    case MESSAGE_DUTY:
+        return drive_actuate(((const duty_message *)payload)->duty);
     case MESSAGE_TABLE:
         return drive_extend_table((const table_message *)payload);
     case MESSAGE_REFERENCE:
         return drive_follow(((const reference_message *)payload)->reference);
-    case MESSAGE_RELEASE:
-        sampling_start(0);
-        return drive_release();
+    case MESSAGE_RELEASE: {
+        uint8_t refusal = drive_release();
+        if (refusal == REFUSED_NONE)
+            sampling_start(0);
+        return refusal;
+    }
     case MESSAGE_SET_POSITION:
         return drive_set_position(((const set_position_message *)payload)->position);
     }

@@ -52,7 +52,7 @@ def test_a_batch_gives_the_motor_back_without_a_gap(firmware: str, sample_time: 
     assert len(counts.values) == round(3 / sample_time)
     assert np.array_equal(applied, recording["commanded"].values)
     assert status["tx_lost"] == status["rx_lost"] == status["received_gaps"] == status["refused"] == 0
-    result = identify(measure(recording))
+    result = identify(measure(recording), structure="first_order_coulomb")  # what the motor is
     truth = bench.board.motor.truth
     for name in ("gain", "time_constant", "coulomb_voltage"):
         estimate = result[name]

@@ -214,7 +214,7 @@ class Rig:
                 self._keep_filled()
             else:
                 self._table = ()
-                talk.say("duty", owner=self._owner, duty=duty, inverse=~duty)
+                talk.say("duty", owner=self._owner, duty=duty)
         except OSError as error:
             self._raise_lost(error)
         return duty / self._full * self.settings.supply
