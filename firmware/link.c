@@ -12,6 +12,8 @@
 
 #define FIRMWARE_VERSION 1
 #define CHECKSUM 2
+/* What samples leave free, so that a port that is too slow for them still brings the answers: INFO and STATUS as frames. */
+#define ANSWERS (sizeof(info_message) + sizeof(status_message) + 2 * (CHECKSUM + 2))
 
 static frame_reader reader;
 static uint8_t sequence, received_sequence = 0xff, first_boot = 1, blocks;
@@ -19,10 +21,10 @@ static uint16_t crc_bad, received_gaps, refused, tx_lost;
 static uint32_t index;
 static uint8_t told_state = 0xff, told_faults, told_warnings;
 
-static void send(uint8_t *payload, uint8_t length) {
+static void send(uint8_t *payload, uint8_t length, uint8_t spare) {
     static uint8_t frame[SEND_MAX];
     payload[1] = sequence++;
-    if (!serial_send(frame, frame_encode(payload, length, frame)))
+    if (!serial_send(frame, frame_encode(payload, length, frame), spare))
         tx_lost++;
 }
 
@@ -52,7 +54,7 @@ static void send_status(uint8_t command, uint8_t refusal) {
     status->tx_lost = tx_lost;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { status->encoder_errors = quadrature_errors(); }
     status->ticks_lost = sampling_lost();
-    send(out.payload, sizeof(status_message));
+    send(out.payload, sizeof(status_message), 0);
 }
 
 static void send_info(void) {
@@ -66,7 +68,7 @@ static void send_info(void) {
     out.message.baud = BAUD;
     out.message.reset_cause = reset_cause();
     out.message.boots = first_boot;
-    send(out.payload, sizeof(info_message));
+    send(out.payload, sizeof(info_message), 0);
 }
 
 static void send_sample(void) {
@@ -85,7 +87,7 @@ static void send_sample(void) {
     sampling_drop();
     out.message.state = drive_state();
     out.message.faults = drive_faults();
-    send(out.payload, sizeof(sample_message));
+    send(out.payload, sizeof(sample_message), ANSWERS);
 }
 
 static void send_block(void) {
@@ -114,7 +116,7 @@ static void send_block(void) {
     block->table_next = drive_table_next();
     block->state = drive_state();
     block->faults = drive_faults();
-    send(out.payload, sizeof(block_message));
+    send(out.payload, sizeof(block_message), ANSWERS);
 }
 
 static uint8_t start_sampling(const sampling_message *message) {

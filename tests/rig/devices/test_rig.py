@@ -11,12 +11,11 @@ import pytest
 from servobench.core.errors import DeviceError, UsageError
 from servobench.identification.identify import identify
 from servobench.recordings.measurement.measure import measure
-from servobench.rig.devices import serial_port
 from servobench.rig.devices.base import RunEnded
 from servobench.rig.devices.rig import FAULTS, LATCH_TO_DUTY, Rig, RigSettings
 from servobench.rig.experiment import Experiment, Limits
 from servobench.rig.lost_device import DeviceLost
-from servobench.rig.wire import conversation
+from servobench.rig.wire import conversation, serial_port
 from servobench.rig.wire.messages import protocol
 from servobench.systems.control.pid import Pid
 from servobench.systems.signals.prbs import PRBS

@@ -18,9 +18,9 @@ from servobench.core.parameter_names import plain_words
 from servobench.core.settings import CountsPerRev, PositiveTime, PositiveVoltage, Resistance, Settings
 from servobench.recordings.recording import Stopped
 from servobench.rig.devices.base import DEVICES, RunEnded, finite_voltage
-from servobench.rig.devices.serial_port import SerialPort
 from servobench.rig.wire.conversation import ENDLESS, PATIENCE, Conversation, Port
 from servobench.rig.wire.messages import protocol
+from servobench.rig.wire.serial_port import SerialPort
 
 NAME = "rig"
 BOOT_TIME = 4.0  # s; a board that is reset by the opening of its port runs its boot loader first
