@@ -7,7 +7,7 @@
 #define SPEED_TICKS 8 /* the speed is the motion in as many ticks */
 
 typedef struct {
-    int32_t kp, ki; /* duty per unit of error, times 65536; ki for each sample */
+    int32_t kp, ki; /* duty per unit of error, times 2^16; for each sample, times 2^24 */
     int32_t reference;
     int16_t limit; /* the largest duty */
     int64_t sum;   /* ki times the errors so far, within the limit */

@@ -19,6 +19,7 @@ from servobench.core.errors import UsageError
 from servobench.core.finding import lower_first
 from servobench.core.registry import Registry
 from servobench.recordings.recording import Stopped
+from servobench.systems.control.pi import Pi
 
 
 class RunEnded(Exception):
@@ -106,6 +107,25 @@ class Preloaded(Protocol):
 
     def preload(self, voltages: Array) -> None:
         """Take the voltages (N,) [V] of the next run in advance; its writes may differ, and go before; changes `info`."""
+        ...
+
+
+@runtime_checkable
+class Following(Protocol):
+    """What a device can do besides that computes a law by itself; a run gives it that of its experiment."""
+
+    def take_law(self, law: Pi | None, sample_time: float, limit: float) -> bool:
+        """Take the law of the next run, at samples `sample_time` [s] apart and within ±`limit` [V]; None for none.
+
+        Returns whether the device will compute it, which changes `info`; where it can't, its writes are what is put out.
+        """
+        ...
+
+    def follow(self, reference: float) -> float:
+        """Let the law follow a reference [rad or rad/s], and return the voltage that it put out with the last sample [V].
+
+        A `write` of that voltage leaves the law as it is; of any other one it ends the law.
+        """
         ...
 
 

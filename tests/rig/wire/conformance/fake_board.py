@@ -336,12 +336,12 @@ class FakeBoard:
             self.take_from_table()
         elif self.left:
             measured = int(self.position) if self.mode == MODES["position"] else int(self.speed)
-            error, full = self.reference - measured, self.limit << 16
+            error, full = self.reference - measured, self.limit << 24
             self.sum = max(-full, min(full, self.sum + self.ki * error))
-            self.duty = self.limited(self.kp * error + self.sum) >> 16
+            self.duty = self.limited((self.kp * error << 8) + self.sum) >> 24
 
     def limited(self, duty: int) -> int:
-        return max(-self.limit << 16, min(self.limit << 16, duty))
+        return max(-self.limit << 24, min(self.limit << 24, duty))
 
     def take_from_table(self) -> None:
         if not self.table and not self.table_ended:

@@ -397,7 +397,7 @@ class StallsEarly(FakeBoard):
 
 class LawHasNoLimit(FakeBoard):
     def limited(self, duty: int) -> int:
-        return max(-1024 << 16, min(1024 << 16, duty))
+        return max(-1024 << 24, min(1024 << 24, duty))
 
 
 FOUND_BY = {
