@@ -211,6 +211,8 @@ class Rig:
     def follow(self, reference: float) -> float:
         """Send the reference of the board's law, once for each block of samples; return what it put out with the last sample."""
         talk = self._needs_port()
+        if not math.isfinite(reference):
+            raise UsageError(f"rig: {reference!r} is no reference; expected a finite number")
         if self._following and not self._samples:
             counts = round(self._following.counts * reference)
             try:
