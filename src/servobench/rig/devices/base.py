@@ -19,7 +19,7 @@ from servobench.core.errors import UsageError
 from servobench.core.finding import lower_first
 from servobench.core.registry import Registry
 from servobench.recordings.recording import Stopped
-from servobench.systems.control.pi import Pi
+from servobench.systems.control.base import Controller
 
 
 class RunEnded(Exception):
@@ -114,10 +114,11 @@ class Preloaded(Protocol):
 class Following(Protocol):
     """What a device can do besides that computes a law by itself; a run gives it that of its experiment."""
 
-    def take_law(self, law: Pi | None, sample_time: float, limit: float) -> bool:
+    def take_law(self, law: Controller | None, sample_time: float, limit: float) -> bool:
         """Take the law of the next run, at samples `sample_time` [s] apart and within ±`limit` [V]; None for none.
 
-        Returns whether the device will compute it, which changes `info`; where it can't, its writes are what is put out.
+        Returns whether the device will compute it, which changes `info`; where it can't, its writes are what is put out. `pi`
+        is made for this.
         """
         ...
 

@@ -35,7 +35,6 @@ from servobench.rig.devices.guard.stall import StallMonitor
 from servobench.rig.devices.guard.watchdog import Watcher
 from servobench.rig.experiment.limits import Light, Limits
 from servobench.systems.control.base import Controller
-from servobench.systems.control.pi import Pi
 
 WhenFaulted: TypeAlias = Literal["end", "hold"]
 
@@ -93,7 +92,7 @@ class Guarded:
         self._watcher: Watcher | None = None
         self._lamp = Lamp(device)
         self._feedback = False
-        self.law: Pi | None = None
+        self.law: Controller | None = None
         """The law that the device computes by itself, or None."""
         self._prepare(math.nan)
 
@@ -180,7 +179,7 @@ class Guarded:
         limits, self.law = self.limits, None
         if isinstance(self.device, Following):
             as_given = limits.slew is None and not limits.start.voltage
-            law = controller if isinstance(controller, Pi) and as_given else None
+            law = controller if as_given else None
             self.law = law if self.device.take_law(law, sample_time, limits.voltage) else None
 
     def follow(self, reference: float) -> float:

@@ -21,6 +21,7 @@ from servobench.rig.devices.base import DEVICES, RunEnded, finite_voltage
 from servobench.rig.wire.conversation import ENDLESS, PATIENCE, Conversation, Port
 from servobench.rig.wire.messages import protocol
 from servobench.rig.wire.serial_port import SerialPort
+from servobench.systems.control.base import Controller
 from servobench.systems.control.pi import Pi
 
 NAME = "rig"
@@ -201,10 +202,10 @@ class Rig:
         periodic = self.settings.batch and len(voltages)
         self._preloaded = tuple(self._duty(float(each)) for each in voltages) if periodic else ()
 
-    def take_law(self, law: Pi | None, sample_time: float, limit: float) -> bool:
-        """Take the law of the next run; at sample times above 2 ms, or with gains that it can't hold, the board doesn't."""
+    def take_law(self, law: Controller | None, sample_time: float, limit: float) -> bool:
+        """Take the law `pi` of the next run; at sample times above 2 ms, or with gains that it can't hold, the board doesn't."""
         self._law = None
-        if law is not None and self.settings.batch and sample_time * 1e3 <= BLOCK_PERIOD * (1 + 1e-6):
+        if isinstance(law, Pi) and self.settings.batch and sample_time * 1e3 <= BLOCK_PERIOD * (1 + 1e-6):
             self._law = _Law.of(law, self.settings, sample_time, limit)
         return self._law is not None
 

@@ -101,11 +101,11 @@ class Drive:
         reference = self._references.at(tick)
         commanded = 0.0
         if self._enabled and math.isfinite(reference) and self._device.usable:
-            commanded = self._computed(reference, tick.sample)
+            commanded = self._law_voltage(reference, tick.sample)
         self._last = commanded
         return reference, commanded
 
-    def _computed(self, reference: float, sample: Sample) -> float:
+    def _law_voltage(self, reference: float, sample: Sample) -> float:
         """The controller's voltage [V]: the device's word where that computes the law by itself."""
         if self._device.law is not None and self._device.law is self._controller:
             return self._device.follow(reference)

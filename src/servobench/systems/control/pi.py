@@ -65,7 +65,7 @@ class Pi(Settings):
     def step(self, state: PiState, reference: float, sample: Sample) -> tuple[PiState, float]:
         """Return the voltage [V] for a reference [rad or rad/s]."""
         sample_time, shaft = state.sample_time, state.shaft
-        travel = _unwrapped(state, sample.counts)
+        travel = _travel_to(state, sample.counts)
         before = state.before or (travel,) * max(1, round(SPEED_WINDOW / sample_time))
         measured = travel * shaft.scale
         if self.output == "speed":
@@ -88,7 +88,7 @@ class Pi(Settings):
         return state._replace(bias=voltage - alone)
 
 
-def _unwrapped(state: PiState, counts: int) -> int:
+def _travel_to(state: PiState, counts: int) -> int:
     """The counts without the counter's wraps: the shortest way from the sample before."""
     if not state.shaft.modulus:
         return counts

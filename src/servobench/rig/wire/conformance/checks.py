@@ -17,19 +17,19 @@ _SLACK = 4  # ms; what a frame of the longest kind takes on a slow line, and a t
 _UNKNOWN = 0x70  # a code that no message has
 
 
-def _refused(status: dict[str, Any], why: str, what: str) -> None:
+def _expect_refusal(status: dict[str, Any], why: str, what: str) -> None:
     """Expect a refusal of that kind."""
     refusal = name_of("refusals", status["refusal"])
     expect(refusal == why, f"{what} was answered by the refusal {refusal}; expected {why}")
 
 
-def _accepted(status: dict[str, Any], what: str, state: str) -> None:
+def _expect_acceptance(status: dict[str, Any], what: str, state: str) -> None:
     """Expect no refusal, and a state."""
-    _refused(status, "none", what)
-    _in_state(status, state, what)
+    _expect_refusal(status, "none", what)
+    _expect_state(status, state, what)
 
 
-def _in_state(status: dict[str, Any], state: str, what: str) -> None:
+def _expect_state(status: dict[str, Any], state: str, what: str) -> None:
     found = name_of("states", status["state"])
     expect(found == state, f"after {what} the board was in {found}; expected {state}")
 
@@ -47,26 +47,26 @@ def _hello(session: Session) -> None:
             session.enable()
         status = _status(session)
         expect(bool(session.all("info")), f"no INFO came before the STATUS that answers HELLO in {state}")
-        _accepted(status, "HELLO", state)
+        _expect_acceptance(status, "HELLO", state)
 
 
 @rule(AT_REST, "A host that finds another one than its own refuses to go on, and a device refuses its CLAIM.")
 def _schema(session: Session) -> None:
     other = protocol().schema ^ 1
     status = session.ask("hello", schema=other)
-    _refused(status, "schema", "HELLO with another schema")
+    _expect_refusal(status, "schema", "HELLO with another schema")
     found = session.some("info")[0]["schema"]
     expect(found == protocol().schema, f"INFO gave the schema {found}; expected {protocol().schema}")
     status = session.ask("claim", schema=other)
-    _refused(status, "schema", "CLAIM with another schema")
-    _in_state(status, "switch_on_disabled", "that")
+    _expect_refusal(status, "schema", "CLAIM with another schema")
+    _expect_state(status, "switch_on_disabled", "that")
 
 
 @rule(
     AT_REST,
     "A frame whose length, stuffing or checksum is wrong is dropped and counted, and so are gaps in the numbers.",
 )
-def _damaged_frames(session: Session) -> None:
+def _frames_with_damage(session: Session) -> None:
     before = _status(session)["crc_bad"]
     whole = encode(session.payload("stop"))
     damaged = [
@@ -114,8 +114,8 @@ def _second_checksum(session: Session) -> None:
         # A board without a law knows neither REFERENCE nor GAINS.
         if name in ("reference", "gains") and name_of("refusals", status["refusal"]) == "unknown":
             continue
-        _refused(status, "damaged", f"{name.upper()} with a wrong check")
-        _in_state(status, "operation_enabled", "that")
+        _expect_refusal(status, "damaged", f"{name.upper()} with a wrong check")
+        _expect_state(status, "operation_enabled", "that")
 
 
 def _wrong_check(session: Session, name: str, values: dict[str, Any]) -> int:
@@ -126,7 +126,7 @@ def _wrong_check(session: Session, name: str, values: dict[str, Any]) -> int:
 
 
 @rule(AT_REST, "so that a zero ends a frame and nothing else: whoever joins late waits for one.")
-def _split_frames(session: Session) -> None:
+def _frames_in_pieces(session: Session) -> None:
     for part in (1, 3):
         frame = encode(session.payload("hello", schema=protocol().schema))
         session.send(b"")
@@ -139,7 +139,7 @@ def _split_frames(session: Session) -> None:
 
 
 @rule(AT_REST, "so that a zero ends a frame and nothing else: whoever joins late waits for one.")
-def _glued_frames(session: Session) -> None:
+def _frames_in_a_row(session: Session) -> None:
     session.send(b"\x07\x41\0\0\0" + b"".join(encode(session.payload("stop")) for _ in range(3)))
     session.until(
         "third STATUS, each frame of three in a row has one", lambda: len(session.all("status")) >= 3
@@ -178,33 +178,33 @@ def _unknown_messages(session: Session) -> None:
     number = (session._said + 1) & 0xFF
     session.payload("stop")  # takes the number
     session.send(encode(bytes([_UNKNOWN, number])))
-    _refused(session.answer(number, _UNKNOWN), "unknown", f"the code 0x{_UNKNOWN:02x}")
+    _expect_refusal(session.answer(number, _UNKNOWN), "unknown", f"the code 0x{_UNKNOWN:02x}")
     claim = session.payload("claim", schema=protocol().schema)
     session.send(encode(claim + b"\0"))
-    _refused(session.answer(claim[1], claim[0]), "unknown", "CLAIM with a byte too many")
-    _in_state(session.ask("stop"), "switch_on_disabled", "that")
+    _expect_refusal(session.answer(claim[1], claim[0]), "unknown", "CLAIM with a byte too many")
+    _expect_state(session.ask("stop"), "switch_on_disabled", "that")
 
 
 @rule(AT_REST, "No other transition exists; what asks for one is refused.")
 def _states(session: Session) -> None:
     direct = {"mode": protocol().codes["modes"]["direct"]}
-    _refused(session.ask("enable", **direct), "owner", "ENABLE of a board that nobody has claimed")
-    _refused(session.ask("clear"), "state", "CLEAR without a fault")
-    _refused(session.ask("claim", schema=protocol().schema, owner=0), "value", "CLAIM by the owner 0")
-    _accepted(session.ask("claim", schema=protocol().schema), "CLAIM", "ready")
-    _accepted(session.ask("claim", schema=protocol().schema), "a second CLAIM", "ready")
-    _refused(session.ask("duty", duty=0), "state", "DUTY in ready")
-    _refused(session.ask("enable", mode=9), "value", "ENABLE in the mode 9")
-    _accepted(session.ask("enable", **direct), "ENABLE", "operation_enabled")
-    _refused(session.ask("enable", **direct), "state", "ENABLE in operation_enabled")
-    _refused(session.ask("claim", schema=protocol().schema), "state", "CLAIM in operation_enabled")
-    _refused(session.ask("release"), "state", "RELEASE in operation_enabled")
-    _refused(
+    _expect_refusal(session.ask("enable", **direct), "owner", "ENABLE of a board that nobody has claimed")
+    _expect_refusal(session.ask("clear"), "state", "CLEAR without a fault")
+    _expect_refusal(session.ask("claim", schema=protocol().schema, owner=0), "value", "CLAIM by the owner 0")
+    _expect_acceptance(session.ask("claim", schema=protocol().schema), "CLAIM", "ready")
+    _expect_acceptance(session.ask("claim", schema=protocol().schema), "a second CLAIM", "ready")
+    _expect_refusal(session.ask("duty", duty=0), "state", "DUTY in ready")
+    _expect_refusal(session.ask("enable", mode=9), "value", "ENABLE in the mode 9")
+    _expect_acceptance(session.ask("enable", **direct), "ENABLE", "operation_enabled")
+    _expect_refusal(session.ask("enable", **direct), "state", "ENABLE in operation_enabled")
+    _expect_refusal(session.ask("claim", schema=protocol().schema), "state", "CLAIM in operation_enabled")
+    _expect_refusal(session.ask("release"), "state", "RELEASE in operation_enabled")
+    _expect_refusal(
         session.ask("configure", watchdog_ms=50, stall_duty=400), "state", "CONFIGURE in operation_enabled"
     )
-    _refused(session.ask("set_position", position=0), "state", "SET_POSITION in operation_enabled")
-    _accepted(session.ask("stop"), "STOP", "ready")
-    _accepted(session.ask("release"), "RELEASE", "switch_on_disabled")
+    _expect_refusal(session.ask("set_position", position=0), "state", "SET_POSITION in operation_enabled")
+    _expect_acceptance(session.ask("stop"), "STOP", "ready")
+    _expect_acceptance(session.ask("release"), "RELEASE", "switch_on_disabled")
 
 
 @rule(
@@ -214,9 +214,11 @@ def _states(session: Session) -> None:
 def _owners(session: Session) -> None:
     session.enable()
     other = session.owner ^ 0x0101 or 1
-    _refused(session.ask("duty", owner=other, duty=0), "owner", "DUTY of another owner")
-    _refused(session.ask("enable", owner=other, mode=0), "owner", "ENABLE of another owner")
-    _refused(session.ask("claim", schema=protocol().schema, owner=other), "state", "CLAIM of another owner")
+    _expect_refusal(session.ask("duty", owner=other, duty=0), "owner", "DUTY of another owner")
+    _expect_refusal(session.ask("enable", owner=other, mode=0), "owner", "ENABLE of another owner")
+    _expect_refusal(
+        session.ask("claim", schema=protocol().schema, owner=other), "state", "CLAIM of another owner"
+    )
     found = _status(session)["owner"]
     expect(found == session.owner, f"the owner is {found} then; expected {session.owner}")
 
@@ -226,7 +228,7 @@ def _stop(session: Session) -> None:
     session.enable()
     longer = session.payload("stop") + b"\x01\x02"
     session.send(encode(longer))
-    _accepted(session.answer(longer[1], longer[0]), "a STOP with two bytes too many", "ready")
+    _expect_acceptance(session.answer(longer[1], longer[0]), "a STOP with two bytes too many", "ready")
 
 
 @rule(AT_REST, "Sets the encoder's count, in ready.")
@@ -234,7 +236,7 @@ def _set_position(session: Session) -> None:
     session.claim()
     for position in (2**31 - 1, -(2**31), 0):
         status = session.ask("set_position", position=position)
-        _accepted(status, "SET_POSITION", "ready")
+        _expect_acceptance(status, "SET_POSITION", "ready")
         # The shaft may be touched meanwhile, and the count wraps.
         moved = (status["position"] - position + 2**31) % 2**32 - 2**31
         expect(abs(moved) < 100, f"the position was {status['position']} after it was set to {position}")
@@ -244,7 +246,7 @@ def _set_position(session: Session) -> None:
 def _duties_out_of_range(session: Session) -> None:
     session.enable()
     for duty in (1025, -1025, 32767, -32768):
-        _refused(session.ask("duty", duty=duty), "value", f"the duty {duty}")
+        _expect_refusal(session.ask("duty", duty=duty), "value", f"the duty {duty}")
 
 
 @rule(AT_REST, "**Host watchdog**: 50 ms by default, 20 to 500, never off.")
@@ -252,14 +254,14 @@ def _range_of_the_watchdog(session: Session) -> None:
     session.claim(watchdog_ms=100)
     for wrong in (0, 19, 501, 0xFFFF):
         status = session.ask("configure", watchdog_ms=wrong, stall_duty=400)
-        _refused(status, "value", f"a watchdog of {wrong} ms")
+        _expect_refusal(status, "value", f"a watchdog of {wrong} ms")
         expect(
             status["watchdog_ms"] == 100,
             f"the watchdog is {status['watchdog_ms']} ms after that; expected 100",
         )
     for right in (20, 500):
         status = session.ask("configure", watchdog_ms=right, stall_duty=400)
-        _accepted(status, f"a watchdog of {right} ms", "ready")
+        _expect_acceptance(status, f"a watchdog of {right} ms", "ready")
         expect(
             status["watchdog_ms"] == right,
             f"STATUS tells a watchdog of {status['watchdog_ms']} ms; expected {right}",
@@ -270,12 +272,12 @@ def _range_of_the_watchdog(session: Session) -> None:
 def _watchdog_trips(session: Session) -> None:
     for timeout in (20, 50, 500):
         session.enable(watchdog_ms=timeout)
-        begun = _fed_at(session)
+        begun = _feed_once(session)
         _expect_trip(session, begun, timeout)
         session.rest()
 
 
-def _fed_at(session: Session) -> int:
+def _feed_once(session: Session) -> int:
     """Feed the watchdog once, at zero duty; return when that was by the board's clock [ms]."""
     hello = session.payload("hello", schema=protocol().schema)
     session.send(encode(hello) + encode(session.payload("duty", duty=0)))
@@ -287,7 +289,7 @@ def _expect_trip(session: Session, begun: int, timeout: int, meanwhile: str = ""
     took = (status["time"] - begun) & 0xFFFFFFFF
     names = protocol().names("faults", status["faults"])
     expect(names == ("watchdog",), f"the fault was {' and '.join(names)}{meanwhile}; expected watchdog")
-    _in_state(status, "fault", "the watchdog")
+    _expect_state(status, "fault", "the watchdog")
     expect(
         timeout - 1 <= took <= timeout + _SLACK,
         f"a watchdog of {timeout} ms tripped after {took} ms by the board's clock{meanwhile}",
@@ -298,13 +300,13 @@ def _expect_trip(session: Session, begun: int, timeout: int, meanwhile: str = ""
 def _watchdog_waits(session: Session) -> None:
     session.enable(watchdog_ms=20)
     session.wait(0.2)
-    _in_state(_status(session), "operation_enabled", "200 ms without any actuation")
+    _expect_state(_status(session), "operation_enabled", "200 ms without any actuation")
 
 
 @rule(AT_REST, "Only accepted actuation (DUTY, TABLE, REFERENCE) feeds it.")
 def _what_feeds_the_watchdog(session: Session) -> None:
     session.enable(watchdog_ms=200)
-    begun = _fed_at(session)
+    begun = _feed_once(session)
     heard = list(session.heard)
     give_up = session.now() + 0.7
     while (
@@ -333,14 +335,14 @@ def _faults_last(session: Session) -> None:
     session.enable(watchdog_ms=20)
     session.say("duty", duty=0)
     session.fault(0.5)
-    _refused(session.ask("duty", duty=0), "state", "DUTY after a fault")
-    _refused(session.ask("enable", mode=0), "state", "ENABLE after a fault")
-    _refused(session.ask("claim", schema=protocol().schema), "state", "CLAIM after a fault")
+    _expect_refusal(session.ask("duty", duty=0), "state", "DUTY after a fault")
+    _expect_refusal(session.ask("enable", mode=0), "state", "ENABLE after a fault")
+    _expect_refusal(session.ask("claim", schema=protocol().schema), "state", "CLAIM after a fault")
     status = session.ask("stop")
-    _in_state(status, "fault", "STOP")
+    _expect_state(status, "fault", "STOP")
     expect(bool(status["faults"]), "STOP cleared the fault; expected only CLEAR to do so")
     status = session.ask("clear")
-    _accepted(status, "CLEAR", "switch_on_disabled")
+    _expect_acceptance(status, "CLEAR", "switch_on_disabled")
     expect(not status["faults"], "CLEAR left the faults' bits as they were; expected 0")
     expect(
         not status["owner"],
@@ -406,7 +408,7 @@ def _answers_before_samples(session: Session) -> None:
     session.ask("sampling", period=1, block=0)
     session.wait(0.3)
     for _ in range(5):
-        _accepted(_status(session), "HELLO between samples", "operation_enabled")
+        _expect_acceptance(_status(session), "HELLO between samples", "operation_enabled")
 
 
 @rule(AT_REST, "Eight samples in a row.")
@@ -433,7 +435,7 @@ def _gaps_in_the_table(session: Session) -> None:
     session.say("table", first=0, count=8, last=0, duty=[0] * 8)
     for first in (0, 16):
         status = session.ask("table", first=first, count=8, last=0, duty=[0] * 8)
-        _refused(status, "gap", f"a chunk from {first} on after one of 0 to 7")
+        _expect_refusal(status, "gap", f"a chunk from {first} on after one of 0 to 7")
         expect(status["table_next"] == 8, f"table_next is {status['table_next']} then; expected 8")
 
 
@@ -441,15 +443,17 @@ def _gaps_in_the_table(session: Session) -> None:
 def _size_of_the_table(session: Session) -> None:
     session.enable("table")
     size = protocol().constants["table_size"]
-    _refused(session.ask("table", first=0, count=9, last=0, duty=[0]), "value", "a chunk with a count of 9")
-    _refused(
+    _expect_refusal(
+        session.ask("table", first=0, count=9, last=0, duty=[0]), "value", "a chunk with a count of 9"
+    )
+    _expect_refusal(
         session.ask("table", first=0, count=1, last=0, duty=[1025]), "value", "a chunk with the duty 1025"
     )
     for first in range(0, size, 8):
         session.say("table", first=first, count=8, last=0, duty=[0] * 8)
     session.wait(QUIET)
     expect(not session.all("status"), f"a table of {size} duties was refused")
-    _refused(
+    _expect_refusal(
         session.ask("table", first=size, count=1, last=0, duty=[0]),
         "value",
         f"the duty {size + 1} of a table",
@@ -481,7 +485,7 @@ def _end_of_the_table(session: Session) -> None:
     session.say("table", first=0, count=8, last=1, duty=[0] * 8)
     session.ask("sampling", period=10, block=0)
     session.wait(0.2)
-    _in_state(_status(session), "operation_enabled", "the last duty of a table")
+    _expect_state(_status(session), "operation_enabled", "the last duty of a table")
 
 
 @rule(AT_REST, "A DUTY frame ends the table and is put out at once.")
@@ -489,7 +493,9 @@ def _duty_ends_the_table(session: Session) -> None:
     session.enable("table")
     session.say("table", first=0, count=8, last=0, duty=[0] * 8)
     session.say("duty", duty=0)
-    _refused(session.ask("table", first=8, count=8, last=0, duty=[0] * 8), "state", "TABLE after a DUTY")
+    _expect_refusal(
+        session.ask("table", first=8, count=8, last=0, duty=[0] * 8), "state", "TABLE after a DUTY"
+    )
 
 
 @rule(AT_REST, "While the samples set the duty they can't be ended.")
@@ -497,14 +503,16 @@ def _samples_of_a_table(session: Session) -> None:
     session.enable("table")
     session.say("table", first=0, count=8, last=1, duty=[0] * 8)
     session.ask("sampling", period=10, block=0)
-    _refused(session.ask("sampling", period=0, block=0), "state", "the end of sampling in the mode table")
+    _expect_refusal(
+        session.ask("sampling", period=0, block=0), "state", "the end of sampling in the mode table"
+    )
 
 
 @rule(AT_REST, "Gives the device back: ready to switch_on_disabled. Ends sampling.")
 def _release(session: Session) -> None:
     session.claim()
     session.ask("sampling", period=10, block=0)
-    _accepted(session.ask("release"), "RELEASE", "switch_on_disabled")
+    _expect_acceptance(session.ask("release"), "RELEASE", "switch_on_disabled")
     session.heard = []
     session.wait(QUIET)
     expect(not session.all("sample"), "samples came after RELEASE")
@@ -516,9 +524,11 @@ def _law(session: Session) -> str | None:
     status = session.ask("gains", kp=0, ki=0, limit=1)
     if name_of("refusals", status["refusal"]) == "unknown":
         return "it has no law of its own"
-    _refused(status, "none", "GAINS")
+    _expect_refusal(status, "none", "GAINS")
     for kp, ki, limit in ((-1, 0, 1), (0, -1, 1), (2**24 + 1, 0, 1), (0, 0, 0), (0, 0, 1025)):
-        _refused(session.ask("gains", kp=kp, ki=ki, limit=limit), "value", f"GAINS with {kp}, {ki}, {limit}")
+        _expect_refusal(
+            session.ask("gains", kp=kp, ki=ki, limit=limit), "value", f"GAINS with {kp}, {ki}, {limit}"
+        )
     for mode in ("position", "speed"):
         session.rest()
         session.enable(mode, watchdog_ms=20)

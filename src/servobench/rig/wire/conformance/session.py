@@ -100,13 +100,13 @@ class Session:
     def answer(self, number: int, code: int) -> dict[str, Any]:
         """Return the STATUS that answers the frame of that number and code; raises `DeviceError` where none comes."""
 
-        def found() -> dict[str, Any] | None:
+        def match() -> dict[str, Any] | None:
             answers = (
                 each for each in self.all("status") if each["ack"] == number and each["command"] == code
             )
             return next(answers, None)
 
-        status: dict[str, Any] = self.until(f"STATUS that answers the code 0x{code:02x}", found)
+        status: dict[str, Any] = self.until(f"STATUS that answers the code 0x{code:02x}", match)
         return status
 
     def ask(self, message: str, **values: Any) -> dict[str, Any]:
@@ -116,10 +116,10 @@ class Session:
     def fault(self, seconds: float) -> dict[str, Any]:
         """Return the STATUS that tells of a fault by itself; raises `DeviceError` where none comes in time."""
 
-        def found() -> dict[str, Any] | None:
+        def match() -> dict[str, Any] | None:
             return next((each for each in self.all("status") if not each["command"] and each["faults"]), None)
 
-        status: dict[str, Any] = self.until("STATUS of a fault", found, seconds)
+        status: dict[str, Any] = self.until("STATUS of a fault", match, seconds)
         return status
 
     # States
