@@ -28,7 +28,7 @@ NAME = "rig"
 BOOT_TIME = 4.0  # s; a board that is reset by the opening of its port runs its boot loader first
 HELLO_TIME = 0.25  # s; without an answer the board is asked again
 BLOCK_PERIOD = 2  # ticks; slower samples come one by one, as eight of them would take too long
-LEAD = 96  # duties that the board is to hold in advance, of the 128 that it can
+LEAD = 120  # duties that the board is to hold in advance, of the 128 that it can: 240 ms at 500 Hz
 LATCH_TO_DUTY = (
     30e-6  # s; from a sample's latch to the duty that a table puts out with it, by the firmware in simavr
 )
