@@ -7,9 +7,10 @@
 #define SPEED_TICKS 8 /* the speed is the motion in as many ticks */
 
 typedef struct {
-    int32_t kp, ki; /* duty per unit of error, times 65536; ki for each tick */
+    int32_t kp, ki; /* duty per unit of error, times 2^16; for each sample, times 2^24 */
     int32_t reference;
-    int64_t sum; /* ki times the errors so far, within the duties there are */
+    int16_t limit; /* the largest duty */
+    int64_t sum;   /* ki times the errors so far, within the limit */
     int32_t before[SPEED_TICKS];
     uint8_t place;
 } pi_law;
@@ -17,8 +18,11 @@ typedef struct {
 /* Starts at rest where the shaft is. */
 void control_start(pi_law *law, int32_t position);
 
-/* Returns the duty of a tick. `speed` 1: the reference is in counts per second, 0: in counts. The integral stops where the duty
+/* Notes the position at each tick, for the speed. */
+void control_tick(pi_law *law, int32_t position);
+
+/* Returns the duty of a sample. `speed` 1: the reference is in counts per second, 0: in counts. The integral stops where the duty
    is at its limit. */
-int16_t control_tick(pi_law *law, int32_t position, uint8_t speed);
+int16_t control_sample(pi_law *law, int32_t position, uint8_t speed);
 
 #endif

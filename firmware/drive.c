@@ -22,7 +22,7 @@ static host_watchdog watchdog = {WATCHDOG_DEFAULT_MS, 0};
 static stall_monitor stall = {STALL_DUTY_DEFAULT, 0, 0};
 static encoder_check encoder;
 static signal_table table;
-static pi_law law;
+static pi_law law = {.limit = DUTY_FULL};
 
 static void put(int16_t value) {
     if (value == duty)
@@ -91,13 +91,14 @@ uint8_t drive_configure(uint16_t watchdog_ms, uint16_t stall_duty) {
     return REFUSED_NONE;
 }
 
-uint8_t drive_gains(int32_t kp, int32_t ki) {
-    if (kp < 0 || kp > GAIN_MAX || ki < 0 || ki > GAIN_MAX)
+uint8_t drive_gains(int32_t kp, int32_t ki, uint16_t limit) {
+    if (kp < 0 || kp > GAIN_MAX || ki < 0 || ki > GAIN_MAX || !limit || limit > DUTY_FULL)
         return REFUSED_VALUE;
     if (state != STATE_READY)
         return REFUSED_STATE;
     law.kp = kp;
     law.ki = ki;
+    law.limit = (int16_t)limit;
     return REFUSED_NONE;
 }
 
@@ -123,7 +124,7 @@ uint8_t drive_actuate(int16_t value) {
         return REFUSED_VALUE;
     uint8_t refusal = REFUSED_STATE;
     sampling_lock();
-    if (state == STATE_OPERATION_ENABLED && (mode == MODE_DIRECT || mode == MODE_TABLE)) {
+    if (state == STATE_OPERATION_ENABLED) {
         mode = MODE_DIRECT;
         put(value);
         watchdog_feed(&watchdog);
@@ -183,6 +184,8 @@ uint8_t drive_clear(void) {
     return refusal;
 }
 
+uint8_t drive_needs_samples(void) { return state == STATE_OPERATION_ENABLED && mode != MODE_DIRECT; }
+
 uint8_t drive_state(void) { return state; }
 
 uint8_t drive_faults(void) { return faults; }
@@ -226,15 +229,19 @@ void drive_tick(int32_t position, int16_t change, uint16_t encoder_errors) {
         drive_fault(FAULT_ENCODER);
         return;
     }
-    if (watchdog.left && (mode == MODE_POSITION || mode == MODE_SPEED))
-        put(control_tick(&law, position, mode == MODE_SPEED));
+    control_tick(&law, position);
     watch_stall(position);
 }
 
-/* In the mode of the table a duty for this sample. */
-void drive_sample(void) {
-    if (state != STATE_OPERATION_ENABLED || mode != MODE_TABLE)
+/* In all modes but the direct one: the duty of this sample. */
+void drive_sample(int32_t position) {
+    if (!drive_needs_samples())
         return;
+    if (mode != MODE_TABLE) {
+        if (watchdog.left)
+            put(control_sample(&law, position, mode == MODE_SPEED));
+        return;
+    }
     int16_t value;
     if (!table_take(&table, &value)) {
         drive_fault(FAULT_TABLE_EMPTY);

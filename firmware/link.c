@@ -12,6 +12,8 @@
 
 #define FIRMWARE_VERSION 1
 #define CHECKSUM 2
+/* What samples leave free, so that a port that is too slow for them still brings the answers: INFO and STATUS as frames. */
+#define ANSWERS (sizeof(info_message) + sizeof(status_message) + 2 * (CHECKSUM + 2))
 
 static frame_reader reader;
 static uint8_t sequence, received_sequence = 0xff, first_boot = 1, blocks;
@@ -19,10 +21,10 @@ static uint16_t crc_bad, received_gaps, refused, tx_lost;
 static uint32_t index;
 static uint8_t told_state = 0xff, told_faults, told_warnings;
 
-static void send(uint8_t *payload, uint8_t length) {
+static void send(uint8_t *payload, uint8_t length, uint8_t spare) {
     static uint8_t frame[SEND_MAX];
     payload[1] = sequence++;
-    if (!serial_send(frame, frame_encode(payload, length, frame)))
+    if (!serial_send(frame, frame_encode(payload, length, frame), spare))
         tx_lost++;
 }
 
@@ -52,7 +54,7 @@ static void send_status(uint8_t command, uint8_t refusal) {
     status->tx_lost = tx_lost;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { status->encoder_errors = quadrature_errors(); }
     status->ticks_lost = sampling_lost();
-    send(out.payload, sizeof(status_message));
+    send(out.payload, sizeof(status_message), 0);
 }
 
 static void send_info(void) {
@@ -66,7 +68,7 @@ static void send_info(void) {
     out.message.baud = BAUD;
     out.message.reset_cause = reset_cause();
     out.message.boots = first_boot;
-    send(out.payload, sizeof(info_message));
+    send(out.payload, sizeof(info_message), 0);
 }
 
 static void send_sample(void) {
@@ -85,7 +87,7 @@ static void send_sample(void) {
     sampling_drop();
     out.message.state = drive_state();
     out.message.faults = drive_faults();
-    send(out.payload, sizeof(sample_message));
+    send(out.payload, sizeof(sample_message), ANSWERS);
 }
 
 static void send_block(void) {
@@ -114,12 +116,14 @@ static void send_block(void) {
     block->table_next = drive_table_next();
     block->state = drive_state();
     block->faults = drive_faults();
-    send(out.payload, sizeof(block_message));
+    send(out.payload, sizeof(block_message), ANSWERS);
 }
 
 static uint8_t start_sampling(const sampling_message *message) {
     if (message->block > 1)
         return REFUSED_VALUE;
+    if (!message->period && drive_needs_samples())
+        return REFUSED_STATE;
     sampling_start(message->period);
     index = 0;
     blocks = message->block;
@@ -187,6 +191,8 @@ static uint8_t size_of(uint8_t code) {
 static uint8_t take_owned(const uint8_t *payload, uint8_t length) {
     if (length != size_of(payload[0]))
         return REFUSED_UNKNOWN;
+    if (!check_agrees(payload, length))
+        return REFUSED_DAMAGED;
     uint16_t owner = ((const release_message *)payload)->owner; /* in all of them in the same place */
     if (!owner || owner != drive_owner())
         return REFUSED_OWNER;
@@ -197,23 +203,24 @@ static uint8_t take_owned(const uint8_t *payload, uint8_t length) {
     }
     case MESSAGE_GAINS: {
         const gains_message *message = (const gains_message *)payload;
-        return drive_gains(message->kp, message->ki);
+        return drive_gains(message->kp, message->ki, message->limit);
     }
     case MESSAGE_SAMPLING:
         return start_sampling((const sampling_message *)payload);
     case MESSAGE_ENABLE:
         return drive_enable(((const enable_message *)payload)->mode);
-    case MESSAGE_DUTY: {
-        const duty_message *message = (const duty_message *)payload;
-        return duty_agrees(message) ? drive_actuate(message->duty) : REFUSED_VALUE;
-    }
+    case MESSAGE_DUTY:
+        return drive_actuate(((const duty_message *)payload)->duty);
     case MESSAGE_TABLE:
         return drive_extend_table((const table_message *)payload);
     case MESSAGE_REFERENCE:
         return drive_follow(((const reference_message *)payload)->reference);
-    case MESSAGE_RELEASE:
-        sampling_start(0);
-        return drive_release();
+    case MESSAGE_RELEASE: {
+        uint8_t refusal = drive_release();
+        if (refusal == REFUSED_NONE)
+            sampling_start(0);
+        return refusal;
+    }
     case MESSAGE_SET_POSITION:
         return drive_set_position(((const set_position_message *)payload)->position);
     }

@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-#define SCHEMA_HASH 0xeed76d35UL
+#define SCHEMA_HASH 0x9ff026c5UL
 
 #define TICK_US 1000
 #define DUTY_FULL 1024
@@ -50,6 +50,7 @@
 #define REFUSED_VALUE 4
 #define REFUSED_UNKNOWN 5
 #define REFUSED_GAP 6
+#define REFUSED_DAMAGED 7
 
 #define MODE_DIRECT 0
 #define MODE_TABLE 1
@@ -93,6 +94,7 @@ typedef struct __attribute__((packed)) {
     uint16_t owner;
     uint16_t watchdog_ms;
     uint16_t stall_duty;
+    uint16_t check;
 } configure_message;
 
 typedef struct __attribute__((packed)) {
@@ -101,6 +103,8 @@ typedef struct __attribute__((packed)) {
     uint16_t owner;
     int32_t kp;
     int32_t ki;
+    uint16_t limit;
+    uint16_t check;
 } gains_message;
 
 typedef struct __attribute__((packed)) {
@@ -109,6 +113,7 @@ typedef struct __attribute__((packed)) {
     uint16_t owner;
     uint8_t period;
     uint8_t block;
+    uint16_t check;
 } sampling_message;
 
 typedef struct __attribute__((packed)) {
@@ -116,6 +121,7 @@ typedef struct __attribute__((packed)) {
     uint8_t sequence;
     uint16_t owner;
     uint8_t mode;
+    uint16_t check;
 } enable_message;
 
 typedef struct __attribute__((packed)) {
@@ -123,7 +129,7 @@ typedef struct __attribute__((packed)) {
     uint8_t sequence;
     uint16_t owner;
     int16_t duty;
-    int16_t inverse;
+    uint16_t check;
 } duty_message;
 
 typedef struct __attribute__((packed)) {
@@ -134,6 +140,7 @@ typedef struct __attribute__((packed)) {
     uint8_t count;
     uint8_t last;
     int16_t duty[8];
+    uint16_t check;
 } table_message;
 
 typedef struct __attribute__((packed)) {
@@ -141,6 +148,7 @@ typedef struct __attribute__((packed)) {
     uint8_t sequence;
     uint16_t owner;
     int32_t reference;
+    uint16_t check;
 } reference_message;
 
 typedef struct __attribute__((packed)) {
@@ -157,6 +165,7 @@ typedef struct __attribute__((packed)) {
     uint8_t code;
     uint8_t sequence;
     uint16_t owner;
+    uint16_t check;
 } release_message;
 
 typedef struct __attribute__((packed)) {
@@ -164,6 +173,7 @@ typedef struct __attribute__((packed)) {
     uint8_t sequence;
     uint16_t owner;
     int32_t position;
+    uint16_t check;
 } set_position_message;
 
 typedef struct __attribute__((packed)) {

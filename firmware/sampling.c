@@ -89,7 +89,7 @@ static void begin_sample(void) {
     next->time = ticks;
     next->position = position;
     drive_output(&next->duty, &next->age);
-    drive_sample();
+    drive_sample(position);
     next->after = drive_duty();
     head++;
 }

@@ -11,12 +11,11 @@ import pytest
 from servobench.core.errors import DeviceError, UsageError
 from servobench.identification.identify import identify
 from servobench.recordings.measurement.measure import measure
-from servobench.rig.devices import serial_port
 from servobench.rig.devices.base import RunEnded
 from servobench.rig.devices.rig import FAULTS, LATCH_TO_DUTY, Rig, RigSettings
 from servobench.rig.experiment import Experiment, Limits
 from servobench.rig.lost_device import DeviceLost
-from servobench.rig.wire import conversation
+from servobench.rig.wire import conversation, serial_port
 from servobench.rig.wire.messages import protocol
 from servobench.systems.control.pid import Pid
 from servobench.systems.signals.prbs import PRBS
@@ -52,7 +51,7 @@ def test_a_batch_gives_the_motor_back_without_a_gap(firmware: str, sample_time: 
     assert len(counts.values) == round(3 / sample_time)
     assert np.array_equal(applied, recording["commanded"].values)
     assert status["tx_lost"] == status["rx_lost"] == status["received_gaps"] == status["refused"] == 0
-    result = identify(measure(recording))
+    result = identify(measure(recording), structure="first_order_coulomb")  # what the motor is
     truth = bench.board.motor.truth
     for name in ("gain", "time_constant", "coulomb_voltage"):
         estimate = result[name]

@@ -172,8 +172,6 @@ class Board:
         message = PROTOCOL.message(name)
         if any(field.name == "owner" for field in message.fields):
             values = {"owner": OWNER, **values}
-        if name == "duty":
-            values = {"inverse": ~values["duty"], **values}
         self._sequence += 1
         self.write(encode(message.pack(self._sequence, **values)))
 

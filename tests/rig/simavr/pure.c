@@ -29,52 +29,70 @@ static uint32_t draw(void) { /* xorshift32 */
     return random_state;
 }
 
-/* Feeds a frame reader with `frames` damaged frames of a DUTY: 1 to 4 bits flipped, a byte lost, a byte doubled, or cut short.
-   Returns how many came through with another duty; `accepted` counts all that came through, `caught` those whose checksum and
-   owner were right and whose duty only its inverse gave away. */
-uint32_t pure_damage(uint32_t frames, uint32_t seed, uint32_t *accepted, uint32_t *caught) {
+static uint8_t fill_duty(uint8_t *payload) {
+    duty_message *message = (duty_message *)payload;
+    message->code = MESSAGE_DUTY;
+    message->duty = (int16_t)(draw() % (2 * DUTY_FULL + 1)) - DUTY_FULL;
+    return sizeof *message;
+}
+
+static uint8_t fill_table(uint8_t *payload, uint32_t n) {
+    table_message *message = (table_message *)payload;
+    message->code = MESSAGE_TABLE;
+    message->first = n * TABLE_CHUNK;
+    message->count = TABLE_CHUNK;
+    for (int i = 0; i < TABLE_CHUNK; i++)
+        message->duty[i] = (int16_t)(draw() % (2 * DUTY_FULL + 1)) - DUTY_FULL;
+    return sizeof *message;
+}
+
+/* Damages a frame: 1 to 4 bits flipped, a byte lost, a byte doubled, or cut short; returns its length then. */
+static int damage(uint8_t *frame, int length) {
+    int place = (int)(draw() % (uint32_t)length);
+    switch (draw() % 4) {
+    case 0:
+        for (uint32_t flips = 1 + draw() % 4; flips; flips--)
+            frame[draw() % (uint32_t)length] ^= (uint8_t)(1u << draw() % 8);
+        return length;
+    case 1:
+        memmove(frame + place, frame + place + 1, (size_t)(length - 1 - place));
+        return length - 1;
+    case 2:
+        memmove(frame + place + 1, frame + place, (size_t)(length - place));
+        return length + 1;
+    }
+    return place;
+}
+
+/* Feeds a frame reader with `frames` damaged frames of a DUTY or, `table` 1, of a TABLE. Returns how many came through with
+   another payload than was sent; `accepted` counts all that came through, `caught` those whose own checksum was right and that
+   only the second one gave away. */
+uint32_t pure_damage(uint32_t frames, uint32_t seed, int table, uint32_t *accepted, uint32_t *caught) {
+    static uint8_t sent[256][sizeof(table_message)];
     frame_reader reader = {{0}, 0, 0};
-    int16_t sent[256] = {0};
     uint32_t wrong = 0;
     random_state = seed;
     *accepted = *caught = 0;
     for (uint32_t n = 0; n < frames; n++) {
-        uint8_t payload[sizeof(duty_message) + 2], frame[SEND_MAX + 1];
-        duty_message *message = (duty_message *)payload;
+        uint8_t payload[sizeof(table_message) + 2], frame[SEND_MAX + 1];
         memset(payload, 0, sizeof payload);
-        message->code = MESSAGE_DUTY;
-        message->sequence = (uint8_t)n;
-        message->owner = 0x5ebe;
-        message->duty = (int16_t)(draw() % (2 * DUTY_FULL + 1)) - DUTY_FULL;
-        message->inverse = ~message->duty;
-        sent[message->sequence] = message->duty;
-        int length = frame_encode(payload, sizeof(duty_message), frame);
-        int place = (int)(draw() % (uint32_t)length);
-        switch (draw() % 4) {
-        case 0:
-            for (uint32_t flips = 1 + draw() % 4; flips; flips--)
-                frame[draw() % (uint32_t)length] ^= (uint8_t)(1u << draw() % 8);
-            break;
-        case 1:
-            memmove(frame + place, frame + place + 1, (size_t)(--length - place));
-            break;
-        case 2:
-            memmove(frame + place + 1, frame + place, (size_t)(length++ - place));
-            break;
-        default:
-            length = place;
-        }
+        uint8_t size = table ? fill_table(payload, n) : fill_duty(payload);
+        payload[1] = (uint8_t)n;
+        ((duty_message *)payload)->owner = 0x5ebe;
+        uint16_t check = check16(payload, (uint8_t)(size - 2));
+        memcpy(payload + size - 2, &check, 2);
+        memcpy(sent[payload[1]], payload, size);
+        int length = damage(frame, frame_encode(payload, size, frame));
         for (int i = 0; i < length; i++) {
-            int8_t found = frame_take(&reader, frame[i]);
-            const duty_message *heard = (const duty_message *)reader.data;
-            if (found != (int8_t)sizeof(duty_message) || heard->code != MESSAGE_DUTY || heard->owner != 0x5ebe)
+            if (frame_take(&reader, frame[i]) != (int8_t)size)
                 continue;
-            if (!duty_agrees(heard)) {
+            if (!check_agrees(reader.data, size)) {
                 ++*caught;
                 continue;
             }
             ++*accepted;
-            wrong += heard->duty != sent[heard->sequence]; /* a whole frame may be heard late, after one that lost its end */
+            /* A whole frame may be heard late, after one that lost its end. */
+            wrong += memcmp(reader.data, sent[reader.data[1]], size) != 0;
         }
     }
     return wrong;

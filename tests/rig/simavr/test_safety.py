@@ -270,7 +270,7 @@ def check_damage(frames: int, seed: int) -> None:
         board.enable()
         drawn = random.Random(seed)
         for n in range(frames):
-            good = encode(PROTOCOL.message("duty").pack(n & 0xFF, owner=OWNER, duty=700, inverse=~700))
+            good = encode(PROTOCOL.message("duty").pack(n & 0xFF, owner=OWNER, duty=700))
             frame = bytearray(good)
             for _ in range(drawn.randint(1, 4)):
                 frame[drawn.randrange(len(frame))] ^= 1 << drawn.randrange(8)

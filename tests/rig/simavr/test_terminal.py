@@ -22,9 +22,14 @@ from tests.rig.simavr.terminal import terminal
 
 pytestmark = pytest.mark.usefixtures("simavr")
 
+# Where it is allowed to, it isn't held up by whatever else the computer does: its watchdog would trip before it is killed.
 HOST = """
+import os
 import sys
+from contextlib import suppress
 from servobench.rig.devices.rig import Rig, RigSettings
+with suppress(AttributeError, OSError):
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
 with Rig(RigSettings(port=sys.argv[1], batch=False)) as rig:
     rig.start(0.004, None)
     while True:
@@ -114,6 +119,7 @@ def test_a_position_loop_at_250_hz_has_no_gap_in_its_samples_for_ten_seconds() -
 
 
 TOO_SLOW = "clocks-disagree"
+TOO_LATE = ("find what delayed the loop", "the voltages of a run came too late")
 NAMES = ("gain", "time_constant", "coulomb_voltage")
 
 
@@ -153,7 +159,7 @@ def run_command(folder: Path, seed: int) -> tuple[str, dict[str, tuple[float, fl
             env={**os.environ, "OPENBLAS_CORETYPE": "SkylakeX"},
         )
     said = " ".join((done.stdout + done.stderr).split())
-    if done.returncode == 4 and "find what delayed the loop" in said:
+    if done.returncode == 4 and any(words in said for words in TOO_LATE):
         return None
     assert done.returncode == 0, done.stderr + done.stdout
     result = json.loads((out / "result.json").read_text())

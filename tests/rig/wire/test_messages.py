@@ -5,12 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from servobench.core.errors import FormatError
-from servobench.rig.wire.frames import Reader, decode, encode
+from servobench.rig.wire.frames import Reader, check16, decode, encode
 from servobench.rig.wire.messages import Message, protocol
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -53,6 +54,10 @@ def test_a_message_reads_back_as_it_was_written(message: Message) -> None:
         for place, field in enumerate(message.fields)
     }
     payload = message.pack(300, **values)
+    if message.checked:
+        checked = message.pack(300, **{name: value for name, value in values.items() if name != "check"})
+        assert checked[:-2] == payload[:-2]
+        assert int.from_bytes(checked[-2:], "little") == check16(checked[:-2])
 
     assert message.unpack(payload) == {"sequence": 300 & 0xFF, **values}
     assert protocol().of(payload) == message
@@ -72,6 +77,24 @@ def test_payloads_come_out_of_a_stream_however_it_is_cut(payloads: list[bytes], 
 
     assert found == payloads
     assert reader.damaged == 0
+
+
+def test_both_checksums_together_notice_any_five_flipped_bits_of_the_longest_frame_from_the_host() -> None:
+    """Both are linear: damage passes where the sum of its bits' own remainders is 0, by both polynomials at once."""
+    bits = 8 * (max(each.struct.size for each in protocol().messages if each.checked) + 2)
+    own, second = [1], [1]
+    for polynomial, remainders in ((0x1021, own), (0x8BB7, second)):
+        while len(remainders) < bits:
+            double = remainders[-1] << 1
+            remainders.append(double ^ (0x10000 | polynomial) if double >> 16 else double)
+    # The second one ends where the first begins.
+    single = np.array([low | high << 16 for low, high in zip(own, [0] * 16 + second, strict=False)])
+    first, then = np.triu_indices(bits, 1)
+    pairs = single[first] ^ single[then]
+    triples = np.concatenate([pairs[first > k] ^ single[k] for k in range(bits)])
+
+    assert len(np.unique(np.concatenate([[0], single, pairs]))) == 1 + bits + len(pairs)  # none of 1 to 4
+    assert not np.isin(triples, pairs).any()  # nor of 5
 
 
 @given(st.binary(min_size=1, max_size=80), st.integers(0, 10_000))

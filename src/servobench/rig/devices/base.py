@@ -19,6 +19,7 @@ from servobench.core.errors import UsageError
 from servobench.core.finding import lower_first
 from servobench.core.registry import Registry
 from servobench.recordings.recording import Stopped
+from servobench.systems.control.base import Controller
 
 
 class RunEnded(Exception):
@@ -111,11 +112,31 @@ class Preloaded(Protocol):
 
 @runtime_checkable
 class SelfStopping(Protocol):
-    """What a device says besides that promises to let the motor go by itself where no voltage comes any more."""
+    """An optional property of a device that lets the motor go by itself if no voltage comes any more."""
 
     @property
     def own_watchdog(self) -> float | None:
-        """How long it waits for a voltage [s]; None where it waits for ever."""
+        """How long it waits for a voltage [s]; None if it waits without end."""
+        ...
+
+
+@runtime_checkable
+class Following(Protocol):
+    """Optional methods of a device that computes a law by itself; a run gives it that of its experiment."""
+
+    def take_law(self, law: Controller | None, sample_time: float, limit: float) -> bool:
+        """Take the law of the next run, at samples `sample_time` [s] apart and within ±`limit` [V]; None for none.
+
+        Returns whether the device will compute it, which changes `info`; where it can't, its writes are what is put out. `pi`
+        is made for this.
+        """
+        ...
+
+    def follow(self, reference: float) -> float:
+        """Let the law follow a reference [rad or rad/s], and return the voltage that it put out with the last sample [V].
+
+        A `write` of that voltage leaves the law as it is; of any other one it ends the law.
+        """
         ...
 
 

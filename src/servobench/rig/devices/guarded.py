@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from types import TracebackType
-from typing import Any, ClassVar, Literal, NoReturn, Self, TypeAlias
+from typing import Any, ClassVar, Literal, NoReturn, Self, TypeAlias, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from servobench.core.channels import Array, DeviceInfo, Sample
 from servobench.core.errors import DeviceError, ServobenchError, UsageError
 from servobench.core.finding import Finding
 from servobench.recordings.recording import Stopped
-from servobench.rig.devices.base import Device, Preloaded, RunEnded, value_text, voltage_or_nan
+from servobench.rig.devices.base import Device, Following, Preloaded, RunEnded, value_text, voltage_or_nan
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Monitor, Motion, Rig
 from servobench.rig.devices.guard.faults import (
     Fault,
@@ -34,6 +34,7 @@ from servobench.rig.devices.guard.sample_check import Answers, recordable, unusa
 from servobench.rig.devices.guard.stall import StallMonitor
 from servobench.rig.devices.guard.watchdog import Watcher
 from servobench.rig.experiment.limits import Light, Limits
+from servobench.systems.control.base import Controller
 
 WhenFaulted: TypeAlias = Literal["end", "hold"]
 
@@ -91,6 +92,8 @@ class Guarded:
         self._watcher: Watcher | None = None
         self._lamp = Lamp(device)
         self._feedback = False
+        self.law: Controller | None = None
+        """The law that the device computes by itself, or None."""
         self._prepare(math.nan)
 
     @property
@@ -170,6 +173,18 @@ class Guarded:
         if isinstance(self.device, Preloaded):
             as_given = limits.slew is None and not limits.start.voltage
             self.device.preload(np.clip(voltages, -limits.voltage, limits.voltage)[: None if as_given else 0])
+
+    def take_law(self, controller: Controller | None, sample_time: float) -> None:
+        """Give a device that computes a law by itself that of the next run, if it is one and the limits let it; else none."""
+        limits, self.law = self.limits, None
+        if isinstance(self.device, Following):
+            as_given = limits.slew is None and not limits.start.voltage
+            law = controller if as_given else None
+            self.law = law if self.device.take_law(law, sample_time, limits.voltage) else None
+
+    def follow(self, reference: float) -> float:
+        """Let the device's law follow a reference [rad or rad/s], and return what it put out with the last sample [V]."""
+        return float(self._reach(cast(Following, self.device).follow, reference))
 
     def set_clock(self, elapsed: Callable[[], float]) -> None:
         """Let faults of this run have the time [s] that the loop keeps, in place of that of the device's samples."""

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from types import TracebackType
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 from pydantic import Field
 
@@ -18,19 +18,23 @@ from servobench.core.parameter_names import plain_words
 from servobench.core.settings import CountsPerRev, PositiveTime, PositiveVoltage, Resistance, Settings
 from servobench.recordings.recording import Stopped
 from servobench.rig.devices.base import DEVICES, RunEnded, finite_voltage
-from servobench.rig.devices.serial_port import SerialPort
 from servobench.rig.wire.conversation import ENDLESS, PATIENCE, Conversation, Port
 from servobench.rig.wire.messages import protocol
+from servobench.rig.wire.serial_port import SerialPort
+from servobench.systems.control.base import Controller
+from servobench.systems.control.pi import Pi
 
 NAME = "rig"
 BOOT_TIME = 4.0  # s; a board that is reset by the opening of its port runs its boot loader first
 HELLO_TIME = 0.25  # s; without an answer the board is asked again
 BLOCK_PERIOD = 2  # ticks; slower samples come one by one, as eight of them would take too long
-LEAD = 96  # duties that the board is to hold in advance, of the 128 that it can
+LEAD = 120  # duties that the board is to hold in advance, of the 128 that it can: 240 ms at 500 Hz
 LATCH_TO_DUTY = (
-    25e-6  # s; from a sample's latch to the duty that a table puts out with it, by the firmware in simavr
+    30e-6  # s; from a sample's latch to the duty that a table puts out with it, by the firmware in simavr
 )
+LATCH_TO_LAW = 120e-6  # s; the same to the duty that the board's law sets
 CONVERTER = 5.0 / 1024  # V; a step of the board's converter
+LARGEST_GAIN = 2**24
 PERIODS_WATCHED = 2  # the watchdog has to last for as many sample times
 FAULTS = {
     "watchdog": "its watchdog tripped: no voltage came for {watchdog_ms} ms; close what keeps the computer busy, or give it more "
@@ -67,7 +71,36 @@ class RigSettings(Settings):
     current_offset: Annotated[float, Field(ge=0, le=5)] = 2.5
     """Volts of the current sensor without a current [V]."""
     batch: bool = True
-    """Whether a run whose voltages are known in advance is put out by the board from a table."""
+    """Whether the board does by itself what it can: voltages that are known in advance from a table, and the law `pi`."""
+
+
+class _Law(NamedTuple):
+    """A PI law as the board computes it, in duties and counts."""
+
+    mode: str
+    """Of the board: position or speed."""
+    kp: int
+    """2^16 for a duty of 1 from an error of a count or a count per second."""
+    ki: int
+    """2^24 for the same in each sample."""
+    limit: int
+    """The largest duty."""
+    counts: float
+    """Counts in a radian."""
+
+    @classmethod
+    def of(cls, law: Pi, settings: RigSettings, sample_time: float, limit: float) -> Self | None:
+        """Return the law for a board; None where it can't hold its gains, or would round one off by more than 1 in 1000."""
+        counts = settings.counts_per_rev / (2 * math.pi)
+        full = protocol().constants["duty_full"]
+        of_a_count = full / settings.supply / counts  # duties for a volt per radian
+        exact = (2**16 * of_a_count * law.kp, 2**24 * of_a_count * law.ki * sample_time)
+        gains = [round(each) for each in exact]
+        largest = math.floor(min(1.0, limit / settings.supply) * full)
+        holds = all(0 <= each <= LARGEST_GAIN for each in gains) and largest >= 1
+        if not holds or any(abs(each - by) > 1e-3 * abs(by) for each, by in zip(gains, exact, strict=True)):
+            return None
+        return cls(law.output, gains[0], gains[1], largest, counts)
 
 
 @DEVICES.member(NAME)
@@ -103,6 +136,8 @@ class Rig:
         self._running = False
         self._driving = False
         self._preloaded: tuple[int, ...] = ()
+        self._law: _Law | None = None
+        self._following: _Law | None = None
         self._table: tuple[int, ...] = ()
         self._forget()
 
@@ -123,14 +158,17 @@ class Rig:
         channels = [voltage, counts]
         if (scale := self.settings.current_scale) is not None:
             channels.append(Channel(name="current", unit="A", resolution=CONVERTER / scale))
-        if not self._preloaded:
+        by_itself = self._preloaded or self._law
+        if not by_itself:
             channels.append(Channel(name="held_since", unit="s"))
         given = self.settings.model_dump(exclude_defaults=True)
+        if self._law:
+            given["law"] = "the board's"
         return DeviceInfo(
             name=NAME,
             serial=self.settings.port,
             channels=tuple(channels),
-            delay=LATCH_TO_DUTY if self._preloaded else 0.0,
+            delay=LATCH_TO_LAW if self._law else LATCH_TO_DUTY if self._preloaded else 0.0,
             timing="device",
             settings=(
                 *((name, str(value)) for name, value in given.items()),
@@ -162,7 +200,7 @@ class Rig:
     ) -> None:
         """Stop, give the board back, and close the port."""
         self.stop()
-        talk, self._talk, self._running, self._preloaded = self._talk, None, False, ()
+        talk, self._talk, self._running, self._preloaded, self._law = self._talk, None, False, (), None
         if talk is not None:
             with suppress(OSError):
                 talk.say("release", owner=self._owner)
@@ -173,6 +211,26 @@ class Rig:
         periodic = self.settings.batch and len(voltages)
         self._preloaded = tuple(self._duty(float(each)) for each in voltages) if periodic else ()
 
+    def take_law(self, law: Controller | None, sample_time: float, limit: float) -> bool:
+        """Take the law `pi` of the next run; at sample times above 2 ms, or with gains that it can't hold, the board doesn't."""
+        self._law = None
+        if isinstance(law, Pi) and self.settings.batch and sample_time * 1e3 <= BLOCK_PERIOD * (1 + 1e-6):
+            self._law = _Law.of(law, self.settings, sample_time, limit)
+        return self._law is not None
+
+    def follow(self, reference: float) -> float:
+        """Send the reference of the board's law, once for each block of samples; return what it put out with the last sample."""
+        talk = self._needs_port()
+        if not math.isfinite(reference):
+            raise UsageError(f"rig: {reference!r} is no reference; expected a finite number")
+        if self._following and not self._samples:
+            counts = round(self._following.counts * reference)
+            try:
+                talk.say("reference", owner=self._owner, reference=max(-(2**31), min(2**31 - 1, counts)))
+            except OSError as error:
+                self._raise_lost(error)
+        return self._told_duty / self._full * self.settings.supply
+
     def start(self, sample_time: float, seed: int | None) -> None:
         """Switch the bridge on at zero volts and begin sampling; the sample time has to be a whole number of milliseconds."""
         talk = self._needs_port()
@@ -182,14 +240,20 @@ class Rig:
         self._command("configure", watchdog_ms=self._watchdog_ms, stall_duty=stall)
         self._table = self._preloaded
         self._forget()
-        modes = protocol().codes["modes"]
-        self._command("enable", mode=modes["table" if self._table else "direct"])
+        self._following = law = self._law
+        if law:
+            self._command("gains", kp=law.kp, ki=law.ki, limit=law.limit)
+        self._command(
+            "enable",
+            mode=protocol().codes["modes"][law.mode if law else "table" if self._table else "direct"],
+        )
         self._sample_time = period * protocol().constants["tick_us"] * 1e-6
-        self._blocks = bool(self._table) and period <= BLOCK_PERIOD
+        self._blocks = bool(self._table or law) and period <= BLOCK_PERIOD
         while self._table and self._sent < min(LEAD, len(self._table)):
             self._send_table()
         self._command("sampling", period=period, block=int(self._blocks))
         self._samples.clear()  # of the sampling before
+        self._told.clear()
         self._running = self._driving = True
 
     def read(self) -> Sample:
@@ -210,6 +274,7 @@ class Rig:
                 )
         sample = self._samples.popleft()
         self._tick = sample.index
+        self._told_duty = self._told.popleft()
         return sample
 
     def write(self, voltage: float) -> float:
@@ -221,9 +286,9 @@ class Rig:
         try:
             if self._table and duty == self._due():
                 self._keep_filled()
-            else:
-                self._table = ()
-                talk.say("duty", owner=self._owner, duty=duty, inverse=~duty)
+            elif not (self._following and duty == self._told_duty):
+                self._table, self._following = (), None
+                talk.say("duty", owner=self._owner, duty=duty)
         except OSError as error:
             self._raise_lost(error)
         return duty / self._full * self.settings.supply
@@ -231,7 +296,7 @@ class Rig:
     def stop(self) -> None:
         """Switch the bridge off. Where the port is gone the board's watchdog does it."""
         self._driving = False
-        self._table = ()
+        self._table, self._following = (), None
         if self._talk is not None:
             for _ in range(2):  # a frame may be damaged
                 with suppress(OSError):
@@ -312,6 +377,8 @@ class Rig:
     def _forget(self) -> None:
         """Begin a run: nothing was sent or heard of it."""
         self._samples: deque[Sample] = deque()
+        self._told: deque[int] = deque()  # the duties that came with them
+        self._told_duty = 0
         self._first_time: int | None = None
         self._held_since = 0.0
         self._last_duty = 0
@@ -336,6 +403,7 @@ class Rig:
             self._held_since = time - 4e-6 * age
         self._last_duty = values["duty"]
         self._add(values["index"], time, values["position"], values["current"], self._held_since)
+        self._told.append(values["duty"])
 
     def _take_block(self, values: dict[str, Any]) -> None:
         first, position = values["index"], values["position"]
@@ -343,6 +411,7 @@ class Rig:
         for k, (delta, current) in enumerate(zip((0, *values["delta"]), values["current"], strict=True)):
             position = (position + delta + 2**31) % 2**32 - 2**31
             self._add(first + k, begun + k * self._sample_time, position, current, None)
+        self._told.extend(values["duty"])
         self._check_output(first, values)
 
     def _check_output(self, first: int, values: dict[str, Any]) -> None:

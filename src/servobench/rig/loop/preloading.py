@@ -1,4 +1,4 @@
-"""Telling a device the voltages of a run in advance, where they are known."""
+"""Telling a device what it can do by itself in a run: the voltages, where they are known, or the law."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ from servobench.systems.control.open_loop import OpenLoop
 
 
 def preload(device: Guarded, experiment: Experiment) -> None:
-    """Tell a device that puts voltages out by its own clock those of an experiment in open loop with an end; else none."""
+    """Tell a device that puts voltages out by its own clock those of an experiment in open loop with an end; else none.
+
+    One that computes a law by itself is told that of the experiment.
+    """
     if device.takes_voltages_ahead:  # a long run's voltages take memory that other devices needn't spend
         device.preload(_voltages(experiment))
+    device.take_law(experiment.controller, experiment.sample_time)
 
 
 def _voltages(experiment: Experiment) -> Array:

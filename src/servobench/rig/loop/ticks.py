@@ -101,9 +101,15 @@ class Drive:
         reference = self._references.at(tick)
         commanded = 0.0
         if self._enabled and math.isfinite(reference) and self._device.usable:
-            commanded = self._take_step(self._controller.step(self._state, reference, tick.sample))
+            commanded = self._law_voltage(reference, tick.sample)
         self._last = commanded
         return reference, commanded
+
+    def _law_voltage(self, reference: float, sample: Sample) -> float:
+        """The controller's voltage [V]: the device's word where that computes the law by itself."""
+        if self._device.law is not None and self._device.law is self._controller:
+            return self._device.follow(reference)
+        return self._take_step(self._controller.step(self._state, reference, sample))
 
     def _take_step(self, step: object) -> float:
         """Take what a controller's step returned: the next state, and the voltage [V], NaN where it is none."""
@@ -122,6 +128,8 @@ class Drive:
                 else References(change.signal, self._sample_time, tick)
             )
             controller = change.controller or self._controller
+            if change.controller is not None or change.enabled is not None:
+                self._device.take_law(None, self._sample_time)
             enabled = self._enabled if change.enabled is None else change.enabled
             if change.controller is not None or enabled > self._enabled:
                 unwrapped = replace(tick.sample, counts=self._device.unwrapped)

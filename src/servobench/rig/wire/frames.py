@@ -1,34 +1,46 @@
 """Frames on a serial line: a payload with its checksum in consistent-overhead byte stuffing, ended by a zero byte.
 
 COBS: Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on Networking 7 (1999). The checksum is
-CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected; appended low byte first.
+CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, not reflected; appended low byte first. What may drive the motor has a second
+one inside the payload: CRC-16/T10-DIF, polynomial 0x8BB7, start 0.
 """
 
 from __future__ import annotations
 
-_POLYNOMIAL = 0x1021
 _LONGEST_RUN = 0xFE  # bytes without a zero that one code byte can stand before
 
 
-def _crc_of(byte: int) -> int:
+def _remainder(polynomial: int, byte: int) -> int:
     value = byte << 8
     for _ in range(8):
-        value = (value << 1 ^ _POLYNOMIAL if value & 0x8000 else value << 1) & 0xFFFF
+        value = (value << 1 ^ polynomial if value & 0x8000 else value << 1) & 0xFFFF
     return value
 
 
-_CRC_TABLE = tuple(_crc_of(byte) for byte in range(256))
+_CCITT, _T10_DIF = (tuple(_remainder(each, byte) for byte in range(256)) for each in (0x1021, 0x8BB7))
 
 
 def crc16(data: bytes) -> int:
-    """Return the checksum of some bytes.
+    """Return the checksum of a frame's bytes.
 
     >>> hex(crc16(b"123456789"))
     '0x29b1'
     """
-    value = 0xFFFF
+    return _checksum(_CCITT, 0xFFFF, data)
+
+
+def check16(data: bytes) -> int:
+    """Return the second checksum of some bytes.
+
+    >>> hex(check16(b"123456789"))
+    '0xd0db'
+    """
+    return _checksum(_T10_DIF, 0, data)
+
+
+def _checksum(table: tuple[int, ...], value: int, data: bytes) -> int:
     for byte in data:
-        value = (value << 8 ^ _CRC_TABLE[value >> 8 ^ byte]) & 0xFFFF
+        value = (value << 8 ^ table[value >> 8 ^ byte]) & 0xFFFF
     return value
 
 

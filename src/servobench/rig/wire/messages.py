@@ -13,6 +13,7 @@ from importlib.resources import files
 from typing import Any, Literal
 
 from servobench.core.errors import FormatError
+from servobench.rig.wire.frames import check16
 
 _FORMATS = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i"}
 SECTIONS = ("states", "faults", "warnings", "reset_causes", "refusals", "modes")
@@ -54,17 +55,26 @@ class Message:
     """The fields behind the code and the sequence number (`u8` both)."""
 
     @property
+    def checked(self) -> bool:
+        """Whether it ends with a second checksum, `check`, of what stands before."""
+        return any(field.name == "check" for field in self.fields)
+
+    @property
     def struct(self) -> struct.Struct:
         """Its payload: little-endian, without padding."""
         return _struct(self)
 
     def pack(self, sequence: int, **values: Any) -> bytes:
-        """Return the payload with a sequence number and a value (a list for several) for each field.
+        """Return the payload with a sequence number and a value (a list for several) for each field; `check` comes by itself.
 
-        >>> protocol().message("duty").pack(7, owner=1, duty=-2, inverse=1).hex(" ")
-        '07 07 01 00 fe ff 01 00'
+        >>> protocol().message("duty").pack(7, owner=1, duty=-2).hex(" ")
+        '07 07 01 00 fe ff e9 0e'
         """
         given: list[int] = []
+        if self.checked and "check" not in values:
+            return (unchecked := self.pack(sequence, check=0, **values)[:-2]) + check16(unchecked).to_bytes(
+                2, "little"
+            )
         for field in self.fields:
             value = values.pop(field.name)
             given += value if field.count > 1 else [value]
