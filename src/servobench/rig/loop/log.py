@@ -38,7 +38,7 @@ class Log:
         self._block = block
         self._rows: list[tuple[float, ...]] = []
         self._blocks: list[Array] = []
-        self._waiting = 0  # rows in the blocks
+        self._waiting = self._passed_on = 0  # rows in the blocks, and those that the recorder has
         self._account = account
 
     def add(self, place: Place) -> None:
@@ -55,7 +55,7 @@ class Log:
         self._blocks.append(rows)
         self._waiting += len(rows)
         self._account.add_block(len(rows), last)
-        if self._waiting >= BLOCK_ROWS:
+        if self._waiting >= self._most:
             self._flush()
 
     def complete(self, ticks: int | None) -> None:
@@ -74,6 +74,11 @@ class Log:
         self._flush()
         return self._recorder.end(stopped, (*self._account.findings(), *findings))
 
+    @property
+    def _most(self) -> int:
+        """How many rows go to the recorder at once: where the disk is full, no more is lost than what it has."""
+        return min(max(self._block, self._passed_on), BLOCK_ROWS)
+
     def _keep_rows(self) -> None:
         # Away with the rows first: an interruption in the middle may lose a block at the end, but never doubles one.
         rows, self._rows = self._rows, []
@@ -85,7 +90,11 @@ class Log:
         blocks, self._blocks, self._waiting = self._blocks, [], 0
         if not blocks:
             return
-        block = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
-        self._recorder.append(block)
-        if self._kept is not None:
-            self._kept.append(block)
+        rows = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+        while len(rows):
+            most = self._most
+            block, rows = rows[:most], rows[most:]
+            self._recorder.append(block)
+            self._passed_on += len(block)
+            if self._kept is not None:
+                self._kept.append(block)
