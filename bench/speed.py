@@ -34,8 +34,7 @@ from figures import Figure, shown
 
 import servobench as sb
 from servobench.core.channels import Array
-from servobench.rig.devices.faulty import Faulty
-from servobench.rig.devices.twin import TwinSettings
+from servobench.rig.devices.twin import Twin, TwinSettings
 from servobench.rig.motor.kernels import A00, simulate
 from servobench.rig.motor.physics import Physics
 from servobench.rig.motor.solvers.exact import coefficients
@@ -64,7 +63,7 @@ FULL = Size(ticks=1_000_000, by_ticks=20_000, short=5_000, pairs=9, commands=5)
 SMALLEST = Size(ticks=3_000, by_ticks=1_500, short=500, pairs=2, commands=0)
 
 
-class Twin:
+class InC:
     """The motor in C, for a voltage; `textbook` and `free_state` fill its arrays."""
 
     def __init__(self, folder: Path, c: Array, u: Array) -> None:
@@ -87,6 +86,10 @@ class Twin:
 
     def free_state(self) -> None:
         self._library.free_state(*self._arguments)
+
+
+class Own(Twin):
+    """A twin as somebody makes it of ours."""
 
 
 def reference_voltage(ticks: int) -> Array:
@@ -129,7 +132,7 @@ def against_c(size: Size, folder: Path) -> list[Figure]:
     """Return the twin's kernel against C, and how far they are from each other."""
     c, u = coefficients(motor(), STEP), reference_voltage(size.ticks)
     held, out = np.clip(u, -LIMIT, LIMIT), np.empty((size.ticks + 1, 3))
-    twin = Twin(folder, c, u)
+    twin = InC(folder, c, u)
 
     def kernel() -> None:
         simulate(c, 0.0, 0.0, 0.0, held, out)
@@ -142,7 +145,7 @@ def against_c(size: Size, folder: Path) -> list[Figure]:
         ratio("the twin's kernel, over the best C", kernel, twin.free_state, size.pairs),
     ]
     plain = coefficients(motor(coulomb_torque=0.0, viscous_friction=1e-6), STEP)
-    linear = Twin(folder, plain, u)
+    linear = InC(folder, plain, u)
     linear.free_state()
     simulate(plain, 0.0, 0.0, 0.0, held, out)
     apart = float(np.abs(out[1:, 1] - linear.speed).max())
@@ -153,7 +156,7 @@ def against_c(size: Size, folder: Path) -> list[Figure]:
 def against_runs(size: Size, folder: Path) -> list[Figure]:
     """Return what a tick of a run costs, recorded and guarded: in blocks and tick by tick, in memory and in a file, against C."""
     c, u = coefficients(motor(), STEP), reference_voltage(size.ticks)
-    twin = Twin(folder, c, u)
+    twin = InC(folder, c, u)
     noisy = {"torque_noise": 2e-5, "current_noise": 0.01, "tachometer": True, "tachometer_noise": 0.3}
     kinds: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
         "open loop": ({}, {}),
@@ -163,7 +166,7 @@ def against_runs(size: Size, folder: Path) -> list[Figure]:
     found = []
     for kind, (experiment, settings) in kinds.items():
         blocks = partial(carry_out, experiment, settings, size.ticks)
-        plain = partial(carry_out, experiment, settings, size.by_ticks, injected=True)
+        plain = partial(carry_out, experiment, settings, size.by_ticks, own=True)
         share = size.ticks / size.by_ticks
         faster = ratio("", plain, blocks, size.pairs)
         found += [
@@ -197,13 +200,12 @@ def carry_out(
     ticks: int,
     *,
     to: Path | None = None,
-    injected: bool = False,
+    own: bool = False,
 ) -> None:
-    """Carry out a run of so many ticks on the twin; with faults (there are none) it goes tick by tick."""
+    """Carry out a run of so many ticks on the twin, or on one of a user's own, which goes tick by tick."""
     if to is not None:
         to.unlink(missing_ok=True)
-    with sb.connect("twin", **settings) as twin:
-        device = Faulty(twin, []) if injected else twin
+    with (Own if own else Twin)(TwinSettings(**settings)) as device:
         sb.run(sb.Experiment(duration=ticks * STEP, sample_time=STEP, **experiment), device, to=to)
 
 

@@ -13,6 +13,7 @@ import pytest
 import servobench as sb
 from servobench.core.channels import Array
 from servobench.recordings.recording import Recording
+from servobench.rig.devices.faults.base import table_of
 from servobench.rig.devices.faulty import with_faults
 from servobench.rig.devices.guarded import Guarded
 from servobench.rig.devices.handover import COUNTS_PER_REV, Handover
@@ -22,6 +23,7 @@ from servobench.rig.experiment.limits import Limits, Outputs, Plausibility, Stal
 from servobench.rig.loop.blocks import block_pass
 from servobench.rig.loop.blocks.block_pass import BlockPass, tick_by_tick_reason
 from servobench.rig.loop.run import Progress
+from servobench.rig.lost_device import DeviceLost
 from servobench.rig.motor.encoder import Encoder
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.open_loop import OpenLoop
@@ -87,16 +89,24 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Done, Done]]:
     """Return a function that carries an experiment out tick by tick, and in blocks."""
 
     def carry_out(
-        experiment: Experiment, *, to: Path | None = None, watch: Any = None, **settings: Any
+        experiment: Experiment,
+        *,
+        to: Path | None = None,
+        watch: Any = None,
+        faults: tuple[str, ...] = (),
+        **settings: Any,
     ) -> Any:
         runs = []
         for fewest in (10**9, 1):
             monkeypatch.setattr(block_pass, "FEWEST_TICKS", fewest)
             counted = CountedBlocks(monkeypatch)
             with sb.connect("twin", **settings) as twin:
-                device = Guarded(twin, experiment.limits)
+                device = Guarded(with_faults(twin, [table_of(fault) for fault in faults]), experiment.limits)
                 file = None if to is None else to / f"{fewest}.mcap"
-                recording = sb.run(experiment, device, to=file, watch=watch() if watch else None)
+                try:
+                    recording = sb.run(experiment, device, to=file, watch=watch() if watch else None)
+                except DeviceLost as lost:  # its words stand in the recording
+                    recording = lost.recording
                 runs.append(Done(recording, device, twin, counted.ticks))
         assert runs[0].ticks_in_blocks == 0
         return tuple(runs)
@@ -306,6 +316,53 @@ def test_the_noise_of_two_runs_of_one_device_goes_on_in_the_same_way(monkeypatch
     assert rows[0] == rows[1]
 
 
+class Around:
+    """A device around a device that hands on whatever it hasn't itself."""
+
+    def __init__(self, device: Any) -> None:
+        self.device = device
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.device, name)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "blocked_shaft from=1s for=200ms",
+        "clock_step from=1s for=50ms by=40ms",
+        "clock_stuck from=3s for=1ms",
+        "device_unplugged from=2.5s",
+        "jitter from=0.5s for=1s probability=0.3",
+        "lost from=1s for=1s every=3",
+        "lost every=50",
+        "nan from=1.2s channel=counts",
+        "repeated from=2s",
+        "slow_read from=0.7s for=20ms takes=5ms",
+        "stale from=1s for=100ms",
+        "stuck_channel from=1s for=100ms",
+        "counter_wrap bits=16 start=32000",
+    ],
+)
+@pytest.mark.parametrize("law", ["open loop", "PID of the position"])
+def test_each_fault(both: Callable[..., Any], law: str, fault: str) -> None:
+    """Those that needn't see the samples before their time leave them to the blocks, and what comes after it, too."""
+    experiment = Experiment(duration=4.0, signal=FAST, controller=LAWS[law], seed=7)
+    runs = both(experiment, faults=(fault,), torque_noise=1e-5, current_noise=0.01)
+
+    assert_equal(runs)
+    every = fault.startswith(("stale", "stuck_channel", "counter_wrap", "lost every"))
+    assert (runs[1].ticks_in_blocks > 200) is not every
+
+
+def test_two_faults_end_the_blocks_at_the_earlier_one(both: Callable[..., Any]) -> None:
+    faults = ("jitter from=2s for=0.1s", "blocked_shaft from=1s for=0.2s")
+    runs = both(Experiment(duration=4.0, signal=FAST), faults=faults)
+
+    assert_equal(runs)
+    assert 900 < runs[1].ticks_in_blocks < 1850  # of 2000, 150 with a fault
+
+
 def test_what_is_of_a_users_own_goes_tick_by_tick_and_is_told() -> None:
     class Own(Pid):
         pass
@@ -315,7 +372,11 @@ def test_what_is_of_a_users_own_goes_tick_by_tick_and_is_told() -> None:
     assert tick_by_tick_reason(twin, Pid()) == ""
     assert tick_by_tick_reason(twin, Own()) == "the controller Own isn't compiled"
     assert tick_by_tick_reason(sb.connect("twin", solver="rk4"), Pid()).startswith("the device 'twin'")
-    assert tick_by_tick_reason(with_faults(twin, [{"name": "stale"}]), Pid()) == "faults are injected"
+    assert tick_by_tick_reason(Around(twin), Pid()).startswith("the device 'twin'")
+    assert (
+        tick_by_tick_reason(with_faults(twin, [{"name": "stale"}]), Pid())
+        == "a fault has to see every sample"
+    )
 
 
 def test_a_short_run_is_not_worth_loading_the_compiled_block(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,7 +98,7 @@ class Assigned:
     @property
     def in_blocks(self) -> Handing | None:
         """The twin behind it, in virtual time."""
-        return self._twin.in_blocks
+        return self._twin.in_blocks if type(self) is Assigned else None
 
     def light(self, red: float, green: float, blue: float) -> None:
         """Light the lamp, each colour from 0 to 1."""

@@ -34,7 +34,7 @@ from servobench.rig.devices.guard.rescue import Rescue, first_that_works
 from servobench.rig.devices.guard.sample_check import Answers, recordable, unusable
 from servobench.rig.devices.guard.stall import StallMonitor
 from servobench.rig.devices.guard.watchdog import Watcher
-from servobench.rig.devices.handover import Handing, Handover, InBlocks
+from servobench.rig.devices.handover import Handing, Handover, handing_part
 from servobench.rig.experiment.limits import Light, Limits
 
 WhenFaulted: TypeAlias = Literal["end", "hold"]
@@ -176,9 +176,7 @@ class Guarded:
     @property
     def in_blocks(self) -> Handing | None:
         """The guard itself where the device and all that watches it can take part in a block of ticks, else None."""
-        able = (
-            type(self) is Guarded and isinstance(self.device, InBlocks) and self.device.in_blocks is not None
-        )
+        able = type(self) is Guarded and handing_part(self.device) is not None
         return self if able and all(isinstance(each, Handing) for each in self._monitors) else None
 
     @property
@@ -209,8 +207,7 @@ class Guarded:
         self._index, self._fed = int(block.s[at.INDEX]), self._now()
 
     def _parts(self) -> tuple[Handing, ...]:
-        inner = self.device.in_blocks if isinstance(self.device, InBlocks) else None
-        parts = (inner, self._motion, *self._monitors)
+        parts = (handing_part(self.device), self._motion, *self._monitors)
         return tuple(each for each in parts if isinstance(each, Handing))
 
     def set_clock(self, elapsed: Callable[[], float]) -> None:

@@ -8,6 +8,7 @@ whole ones are exact up to 2^53.
 from __future__ import annotations
 
 import math
+import sys
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -38,6 +39,7 @@ from servobench.core.channels import Array
     FIRST_POINT,
 ) = range(42)  # fmt: skip
 POINT, MOST_POINTS = 4, 61
+NEVER = sys.maxsize
 
 _NEVER = (
     LARGEST,
@@ -68,6 +70,8 @@ class Handover:
         self.coming: Array = np.empty((0, 2))
         self.random: np.random.Generator | None = None
         self.factor: Array | None = None
+        self.until = NEVER
+        """The number of the first tick that a fault has to see."""
 
 
 @runtime_checkable
@@ -83,11 +87,10 @@ class Handing(Protocol):
         ...
 
 
-@runtime_checkable
-class InBlocks(Protocol):
-    """A device that may be able to."""
+def handing_part(device: object) -> Handing | None:
+    """Return what hands a device's numbers over, its `in_blocks`; None where it has to go tick by tick.
 
-    @property
-    def in_blocks(self) -> Handing | None:
-        """What hands its numbers over, None where this device has to go tick by tick."""
-        ...
+    A device around a device that hands everything on which it hasn't itself is none: its reads and writes may be others.
+    """
+    part = device.in_blocks if hasattr(type(device), "in_blocks") else None  # type: ignore[attr-defined]
+    return part if isinstance(part, Handing) else None

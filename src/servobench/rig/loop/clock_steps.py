@@ -5,7 +5,7 @@ from __future__ import annotations
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import milliseconds
 from servobench.rig.clock import Tick
-from servobench.rig.loop.blocks.block_pass import NEVER
+from servobench.rig.devices.handover import NEVER
 from servobench.rig.loop.place import Place
 
 

@@ -8,7 +8,7 @@ from servobench.recordings.recording import Stopped
 from servobench.rig.clock import Tick
 from servobench.rig.devices.guard.base import Alarm
 from servobench.rig.devices.guarded import Guarded
-from servobench.rig.loop.blocks.block_pass import NEVER
+from servobench.rig.devices.handover import NEVER
 from servobench.rig.loop.place import Place
 from servobench.rig.loop.ticks import Drive
 

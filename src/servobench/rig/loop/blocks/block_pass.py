@@ -5,7 +5,6 @@ Why it is so is told in docs/decisions/0057-one-compiled-pass.md.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Protocol, Self, runtime_checkable
 
@@ -17,7 +16,7 @@ from servobench.rig.devices import handover as at
 from servobench.rig.devices.base import Device
 from servobench.rig.devices.faulty import Faulty
 from servobench.rig.devices.guarded import Guarded
-from servobench.rig.devices.handover import Handover, InBlocks
+from servobench.rig.devices.handover import NEVER, Handover, handing_part
 from servobench.systems.control.base import Controller
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.open_loop import OpenLoop
@@ -30,7 +29,6 @@ LAWS: tuple[type[Controller], ...] = (OpenLoop, Pid, Lead, StateFeedback)
 
 BLOCK_ROWS = 4096  # that are handed on at once
 FEWEST_TICKS = 1000  # fewer are done before the compiled block is loaded, which takes 10 ms
-NEVER = sys.maxsize
 _LONGEST_WAIT = 512  # ticks
 _DRAWS = 5  # of normal numbers in a tick, at most: three for a random torque, one for each noisy sensor
 
@@ -87,10 +85,10 @@ class BlockDrive(Protocol):
 
 def tick_by_tick_reason(device: Device, controller: Controller) -> str:
     """Return which part of a run in virtual time isn't compiled, so that it goes tick by tick; empty where each is."""
-    if isinstance(device, Faulty):
-        return "faults are injected"
-    if not (isinstance(device, InBlocks) and device.in_blocks is not None):
-        return f"the device {device.info.name!r} isn't compiled as it is set"
+    if handing_part(device) is None:
+        injected = isinstance(device, Faulty) and handing_part(device.device) is not None
+        what = "a fault has to see every sample" if injected else ""
+        return what or f"the device {device.info.name!r} isn't compiled as it is set"
     if type(controller) not in LAWS:
         return f"the controller {type(controller).__name__} isn't compiled"
     return ""
@@ -179,6 +177,7 @@ class _Block:
     def run(self, due: int, end: int) -> int:
         """Do the ticks from `due` to before `end`, and return the number of the next one."""
         try:
+            end = min(end, self._handed.until) if self._handed.s[at.INDEX] + 1 == due else due
             while due < end:
                 if self._filled == len(self._rows):
                     self._hand_on()
