@@ -208,7 +208,7 @@ def _carry_out(
 
     look = StoppingRule(parse_wish(asked.until), asked.chain, structure) if asked.until else None
     with terminate_like_ctrl_c(), _connect(device):
-        say(console, _experiment_summary(asked))
+        say(console, _experiment_summary(asked, device))
         show_findings(console, asked.findings())
         folder.begin(asked.to_toml())
         progress.begin("getting ready")
@@ -329,13 +329,17 @@ def _own_data_sheet(recording: Recording) -> str | None:
     return named if named in DATA_SHEETS else None
 
 
-def _experiment_summary(asked: Experiment) -> str:
+def _experiment_summary(asked: Experiment, device: Device) -> str:
+    from servobench.rig.loop.blocks.block_pass import FEWEST_TICKS, tick_by_tick_reason
     from servobench.systems.signals.base import SIGNALS
 
     length = "endless" if asked.duration is None else f"{asked.duration:g} s"
     name = f"{asked.name}: " if asked.name else ""
+    worth_telling = device.info.timing == "virtual" and (asked.samples or FEWEST_TICKS) >= FEWEST_TICKS
+    reason = tick_by_tick_reason(device, asked.controller) if worth_telling else ""
     return (
         f"{name}{SIGNALS.name_of(asked.signal)}, {length} at {asked.sample_rate:g} Hz, on {asked.device.name}"
+        f"{reason and f'; tick by tick: {reason}'}"
     )
 
 

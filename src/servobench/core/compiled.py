@@ -8,9 +8,11 @@ from contextlib import contextmanager, suppress
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import types
 from numba.core.caching import FunctionCache
 from numba.core.event import Event, Listener, register, unregister
 from numba.core.runtime.nrt import rtsys
+from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -21,7 +23,32 @@ def compiled(function: F) -> F:
     Only contraction to fused multiply-adds is allowed: NaN and infinity keep their meaning. Where the code can't be kept, or
     what was kept can't be read, it is compiled anew; one warning a process says so, to the logger "servobench".
     """
-    dispatcher = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})(function)
+    return _compile(function, fastmath={"contract"}, _nrt=True)
+
+
+def strictly_compiled(function: F) -> F:
+    """Compile as `compiled` does, with each operation rounded by itself: the results are those of Python, bit for bit.
+
+    Such a function makes no arrays; so none is counted, which would take several times as long as a tick's arithmetic.
+    """
+    return _compile(function, fastmath=set(), _nrt=False)
+
+
+def _keep_apart(typing: Any) -> Any:
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.none(), codegen
+
+
+keep_apart: Callable[[], None] = cast(Any, intrinsic)(_keep_apart)
+"""Keep the kernel that calls this from being compiled into its callers, where its sums might be rounded otherwise."""
+
+
+def _compile(function: F, **options: Any) -> F:
+    dispatcher = numba.njit(nogil=True, error_model="numpy", **options)(function)
     try:
         cast(Any, dispatcher)._cache = _Cache(function)  # type: ignore[no-untyped-call]
     except (RuntimeError, OSError):  # no folder that can be written to, or one that can't be looked at

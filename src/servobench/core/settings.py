@@ -6,9 +6,14 @@ A field that holds a member of a kind takes the member, or a table with its name
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import ast
+import inspect
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cache
+from itertools import pairwise
+from textwrap import dedent
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, get_args, get_origin
 
 from pydantic import (
@@ -198,12 +203,42 @@ def _in_words(problem: str) -> str:
     return sentence if expected == sentence else f"expected {expected}"
 
 
+@cache
+def describe_fields(model: type[BaseModel]) -> None:
+    """Give each field of a model that has no description the text below it in the source, its own or that of a base."""
+    for kind in model.__mro__:
+        for name, text in _texts_below(kind):
+            field = model.__pydantic_fields__.get(name)
+            if field is not None and field.description is None:
+                field.description = text
+
+
+def _texts_below(kind: type) -> Iterator[tuple[str, str]]:
+    """The names with a type in a class, each with the text below it; none where there is no source."""
+    if not (issubclass(kind, BaseModel) and kind is not BaseModel):
+        return
+    try:
+        (found,) = ast.parse(dedent(inspect.getsource(kind))).body
+    except (OSError, TypeError):
+        return
+    for above, below in pairwise(getattr(found, "body", ())):
+        named = isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name)
+        if named and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+            yield above.target.id, inspect.cleandoc(str(below.value.value))
+
+
 if TYPE_CHECKING:
     _Model = BaseModel
 else:
 
     class _TellsMistakes(type(BaseModel)):
         """Makes a call with wrong settings a sentence; what reads a file validates tables, and sees each problem by itself."""
+
+        @property
+        def model_fields(cls) -> dict[str, FieldInfo]:
+            """The fields, each with the text below it: that is read when somebody asks, as most commands don't."""
+            describe_fields(cls)
+            return cls.__pydantic_fields__
 
         def __call__(cls, *positional: object, **settings: object) -> object:
             if positional:
@@ -221,7 +256,7 @@ else:
 class Settings(_Model):
     """Base of all settings: frozen, and strict about unknown names."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     @model_validator(mode="wrap")
     @classmethod

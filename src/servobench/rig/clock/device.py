@@ -61,6 +61,10 @@ class DeviceClock:
             sample=sample,
         )
 
+    def pass_to(self, tick: Tick) -> None:
+        """Take note of a sample that somebody else took."""
+        self._before = tick.actual
+
     def elapsed(self) -> float:
         """Return the host's time since the start [s]: the device says its own with its samples, and not in between."""
         return self._now() - self._began

@@ -14,6 +14,7 @@ from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.errors import UsageError
 from servobench.core.settings import Settings
 from servobench.rig.devices.base import DEVICES
+from servobench.rig.devices.handover import Handing
 from servobench.rig.devices.twin import Twin, TwinSettings
 from servobench.rig.motor.individual import individual
 from servobench.rig.motor.physics import MotorState
@@ -93,6 +94,11 @@ class Assigned:
     def stop(self) -> None:
         """Put zero volts on the motor, at once."""
         self._twin.stop()
+
+    @property
+    def in_blocks(self) -> Handing | None:
+        """The twin behind it, in virtual time."""
+        return self._twin.in_blocks if type(self) is Assigned else None
 
     def light(self, red: float, green: float, blue: float) -> None:
         """Light the lamp, each colour from 0 to 1."""

@@ -15,6 +15,7 @@ import numpy as np
 from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, warning
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.base import Device
 from servobench.rig.devices.faults.base import (
     FAULTS,
@@ -26,6 +27,7 @@ from servobench.rig.devices.faults.base import (
     fault_from,
     text_of,
 )
+from servobench.rig.devices.handover import Handing, Handover, handing_part
 
 SETTING = "faults"  # of a device's info, which lists the faults
 
@@ -55,6 +57,7 @@ class Faulty:
         self._sleep = sleep
         self._read: Latch = device.read
         self._write: Put = device.write
+        self._runs: list[_Run] = []
         for fault in self._faults:
             _check(fault, device)
 
@@ -86,6 +89,29 @@ class Faulty:
         """Stop and close."""
         self.device.__exit__(kind, error, trace)
 
+    @property
+    def in_blocks(self) -> Handing | None:
+        """The device itself, where no fault has to see samples before its time and the device within is able to."""
+        able = type(self) is Faulty and handing_part(self.device) is not None
+        return self if able and not any(fault.sees_every_sample for fault in self._faults) else None
+
+    def hand_over(self, to: Handover) -> None:
+        """Write what the device within does, and the tick before that of the next sample that a fault has to see."""
+        inner = handing_part(self.device)
+        if inner is not None:
+            inner.hand_over(to)
+        for fault, run in zip(self._faults, self._runs, strict=True):
+            ticks = fault.next_time(run) / run.sample_time
+            to.until = min(to.until, math.floor(ticks) - 1 if ticks < at.NEVER else at.NEVER)
+
+    def take_back(self, block: Handover) -> None:
+        """Read what the device within does, and the time."""
+        inner = handing_part(self.device)
+        if inner is not None:
+            inner.take_back(block)
+        for run in self._runs:
+            run.pass_to(int(block.s[at.INDEX]))
+
     def start(self, sample_time: float, seed: int | None) -> None:
         """Prepare a run with that sample time [s]; each fault is reset."""
         if not (math.isfinite(sample_time) and sample_time > 0):
@@ -94,10 +120,12 @@ class Faulty:
         source = _Source(self.device, sample_time, self._sleep)
         read: Latch = source.read
         write: Put = self.device.write
+        self._runs = []
         for place, fault in enumerate(self._faults):
             # Each has its own chance, so that none changes what another does.
             random = np.random.default_rng(None if chance is None else (chance, place))
-            injection = fault.begin(_Run(source, random))
+            self._runs.append(_Run(source, random))
+            injection = fault.begin(self._runs[-1])
             read, write = partial(injection.read, read), partial(_write_voltage, injection, write)
         self.device.start(sample_time, seed)
         self._read, self._write = read, write
@@ -189,6 +217,10 @@ class _Run:
     @property
     def due(self) -> float:
         return self._source.now + self.sample_time
+
+    def pass_to(self, index: int) -> None:
+        """Go on to the sample of that number, which somebody else took."""
+        self._source.now = index * self.sample_time
 
 
 def _write_voltage(injection: Injection, put: Put, voltage: float) -> float:

@@ -17,6 +17,7 @@ from servobench.core.channels import Array, DeviceInfo, Sample
 from servobench.core.errors import DeviceError, ServobenchError, UsageError
 from servobench.core.finding import Finding
 from servobench.recordings.recording import Stopped
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.base import Device, Following, Preloaded, RunEnded, value_text, voltage_or_nan
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Monitor, Motion, Rig
 from servobench.rig.devices.guard.faults import (
@@ -33,6 +34,7 @@ from servobench.rig.devices.guard.rescue import Rescue, first_that_works
 from servobench.rig.devices.guard.sample_check import Answers, recordable, unusable
 from servobench.rig.devices.guard.stall import StallMonitor
 from servobench.rig.devices.guard.watchdog import Watcher
+from servobench.rig.devices.handover import Handing, Handover, handing_part
 from servobench.rig.experiment.limits import Light, Limits
 from servobench.systems.control.base import Controller
 
@@ -185,6 +187,43 @@ class Guarded:
     def follow(self, reference: float) -> float:
         """Let the device's law follow a reference [rad or rad/s], and return what it put out with the last sample [V]."""
         return float(self._reach(cast(Following, self.device).follow, reference))
+
+    @property
+    def in_blocks(self) -> Handing | None:
+        """The guard itself where the device and all that watches it can take part in a block of ticks, else None."""
+        able = type(self) is Guarded and handing_part(self.device) is not None
+        return self if able and all(isinstance(each, Handing) for each in self._monitors) else None
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether nothing is the matter, and the device is driven: the next tick is as ordinary as the last one was."""
+        driven = self._fed_at is not None and self._lamp.shown is self._driven_light
+        return driven and self._fault is None and not self._start_voltage and self.usable
+
+    def hand_over(self, to: Handover) -> None:
+        """Write the device's numbers, the limits, those of the monitors, and the state of all."""
+        to.p[at.TIMEOUT], to.p[at.LARGEST], to.p[at.EXACT] = (
+            self._timeout_of_samples,
+            self._largest,
+            self._exact,
+        )
+        if self._slew is not None:
+            to.p[at.SLEW] = self._slew
+        to.s[at.FED_AT : at.SATURATED + 1] = (self._fed_at, self._writes, self._limited, self._saturated)
+        for each in self._parts():
+            each.hand_over(to)
+
+    def take_back(self, block: Handover) -> None:
+        """Read the state of the device, of the monitors and of the guard itself."""
+        for each in self._parts():
+            each.take_back(block)
+        self._fed_at, writes, limited, saturated = block.s[at.FED_AT : at.SATURATED + 1].tolist()
+        self._writes, self._limited, self._saturated = int(writes), int(limited), bool(saturated)
+        self._index, self._fed = int(block.s[at.INDEX]), self._now()
+
+    def _parts(self) -> tuple[Handing, ...]:
+        parts = (handing_part(self.device), self._motion, *self._monitors)
+        return tuple(each for each in parts if isinstance(each, Handing))
 
     def set_clock(self, elapsed: Callable[[], float]) -> None:
         """Let faults of this run have the time [s] that the loop keeps, in place of that of the device's samples."""

@@ -29,13 +29,16 @@ from servobench.core.settings import (
     TorqueNoise,
     Voltage,
 )
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.base import DEVICES, finite_voltage
+from servobench.rig.devices.handover import Handing, Handover
 from servobench.rig.motor.amplifier import Amplifier
 from servobench.rig.motor.encoder import CurrentSensor, Encoder, Tachometer
 from servobench.rig.motor.parameters import DataSheet, MotorParameters, data_sheet
 from servobench.rig.motor.physics import MotorState, Physics
-from servobench.rig.motor.plant import Plant
+from servobench.rig.motor.plant import Course, Plant
 from servobench.rig.motor.solvers.base import SOLVERS
+from servobench.rig.motor.solvers.exact import Exact
 
 
 class TwinSettings(Settings):
@@ -283,6 +286,40 @@ class Twin:
         """Put zero volts on the motor, at once."""
         if self._plant is not None:
             self._plant.cut(self._now())
+
+    @property
+    def in_blocks(self) -> Handing | None:
+        """The twin itself in virtual time with the exact solver; not of a class made from it, whose reads may be others."""
+        exact = SOLVERS[self.settings.solver] is Exact
+        return self if type(self) is Twin and exact and self.settings.timing == "virtual" else None
+
+    def hand_over(self, to: Handover) -> None:
+        """Write the motor's, the amplifier's and the sensors' numbers, and the state after the last tick."""
+        to.p[at.TICK], to.p[at.DELAY] = self._sample_time, self.settings.delay
+        to.p[at.LIMIT], to.p[at.DEAD_BAND] = self._amplifier.limit, self._amplifier.dead_band
+        to.p[at.COUNTS_PER_REV] = self._encoder.counts_per_rev
+        to.p[at.HALF_RANGE] = 1 << (self._encoder.counter_bits - 1)
+        if self._current:
+            to.p[at.CURRENT_RANGE], to.p[at.CURRENT_STEP] = self._current.range, self._current.resolution
+            to.p[at.CURRENT_NOISE] = self._current.noise
+        if self._tachometer:
+            to.p[at.SPEED_STEP], to.p[at.SPEED_NOISE] = self._tachometer.resolution, self._tachometer.noise
+        plant = self._require_plant()
+        to.p[at.BLOCKED] = plant.blocked
+        to.s[at.INDEX] = self._index
+        state, now, voltage, coming = plant.course
+        to.s[at.CURRENT : at.VOLTAGE + 1] = (*state, now, voltage)
+        to.coming = np.array(coming, dtype=np.float64).reshape(-1, 2)
+        to.random, to.factor = self._random, plant.factor
+        if isinstance(plant.solver, Exact):
+            to.coefficients = plant.solver.coefficients
+
+    def take_back(self, block: Handover) -> None:
+        """Read the state after the last tick."""
+        self._index = int(block.s[at.INDEX])
+        *state, now, voltage = block.s[at.CURRENT : at.VOLTAGE + 1].tolist()
+        coming = tuple((when, value) for when, value in block.coming.tolist())
+        self._require_plant().resume(Course(MotorState(*state), now, voltage, coming))
 
     def light(self, red: float, green: float, blue: float) -> None:
         """Light the lamp, each colour from 0 to 1."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import milliseconds
+from servobench.rig.clock import Tick
+from servobench.rig.devices.handover import NEVER
 from servobench.rig.loop.place import Place
 
 
@@ -29,6 +31,15 @@ class ClockSteps:
         if self._before is not None and abs(ahead - self._before) > self._allowed:
             self.found.append((tick.scheduled, ahead - self._before))
         self._before = ahead
+
+    @property
+    def due(self) -> int:
+        """Never: ticks that are all in time have no step."""
+        return NEVER
+
+    def pass_to(self, tick: Tick) -> None:
+        """Take note that the ticks up to this one are done, in time."""
+        self._before = tick.actual - tick.scheduled
 
     def findings(self) -> tuple[Finding, ...]:
         """Return what there is to say about it; nothing, where the clock went evenly."""

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding
 from servobench.recordings.recording import Recording, Stopped
+from servobench.rig.clock import Tick
 from servobench.rig.loop.account import Account
+from servobench.rig.loop.blocks.block_pass import BLOCK_ROWS
 from servobench.rig.loop.opening import RowMaker
 from servobench.rig.loop.place import Place
 from servobench.rig.loop.recorder import InMemory, Recorder
 
 BLOCK_TIME = 0.5  # s; what a crash of the process may cost
-BLOCK_ROWS = 4096  # the most rows in a block, for short sample times
 
 
 def block_of(sample_time: float) -> int:
@@ -35,6 +37,8 @@ class Log:
         self._kept = kept
         self._block = block
         self._rows: list[tuple[float, ...]] = []
+        self._blocks: list[Array] = []
+        self._waiting = self._passed_on = 0  # rows in the blocks, and those that the recorder has
         self._account = account
 
     def add(self, place: Place) -> None:
@@ -42,6 +46,16 @@ class Log:
         self._rows.append(self._row(place))
         self._account.add(place.tick)
         if len(self._rows) >= self._block:
+            self._flush()
+
+    def add_block(self, rows: Array, last: Tick) -> None:
+        """Take the rows (N, 1 + C) of ticks that are done, in time, up to the last one."""
+        if self._rows:
+            self._keep_rows()
+        self._blocks.append(rows)
+        self._waiting += len(rows)
+        self._account.add_block(len(rows), last)
+        if self._waiting >= self._most:
             self._flush()
 
     def complete(self, ticks: int | None) -> None:
@@ -52,20 +66,35 @@ class Log:
         """Pass on the remaining rows, and return the recording so far; raises `UsageError` if the log doesn't keep it."""
         if self._kept is None:
             raise UsageError("this run keeps no recording to look at: give `look`")
-        if self._rows:
-            self._flush()
+        self._flush()
         return self._kept.end(Stopped(reason="unknown", sentence="the run goes on"), self._account.findings())
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...] = ()) -> Recording:
         """Pass on the remaining rows, and return the recording with its findings."""
-        if self._rows:
-            self._flush()
+        self._flush()
         return self._recorder.end(stopped, (*self._account.findings(), *findings))
 
-    def _flush(self) -> None:
+    @property
+    def _most(self) -> int:
+        """How many rows go to the recorder at once: where the disk is full, no more is lost than what it has."""
+        return min(max(self._block, self._passed_on), BLOCK_ROWS)
+
+    def _keep_rows(self) -> None:
         # Away with the rows first: an interruption in the middle may lose a block at the end, but never doubles one.
         rows, self._rows = self._rows, []
-        block = np.array(rows, dtype=np.float64)
-        self._recorder.append(block)
-        if self._kept is not None:
-            self._kept.append(block)
+        self._blocks.append(np.array(rows, dtype=np.float64))
+
+    def _flush(self) -> None:
+        if self._rows:
+            self._keep_rows()
+        blocks, self._blocks, self._waiting = self._blocks, [], 0
+        if not blocks:
+            return
+        rows = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+        while len(rows):
+            most = self._most
+            block, rows = rows[:most], rows[most:]
+            self._recorder.append(block)
+            self._passed_on += len(block)
+            if self._kept is not None:
+                self._kept.append(block)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections import deque
 
 from servobench.recordings.recording import Stopped
+from servobench.rig.clock import Tick
 from servobench.rig.devices.guard.base import Alarm
 from servobench.rig.devices.guarded import Guarded
+from servobench.rig.devices.handover import NEVER
 from servobench.rig.loop.place import Place
 from servobench.rig.loop.ticks import Drive
 
@@ -36,6 +38,16 @@ class MissedTickRule:
             return None
         advice = "Use a longer sample time, or a computer or connection that keeps up"
         return Stopped(reason="fault", sentence=f"{found}; it was stopped. {advice}")
+
+    @property
+    def due(self) -> int:
+        """Never: ticks that are all in time can't end a run."""
+        return NEVER
+
+    def pass_to(self, tick: Tick) -> None:
+        """Take note that the ticks up to this one are done, none of them missed."""
+        self._due = tick.index
+        self.count(tick.index)
 
     def check(self, place: Place) -> str:
         """Take the tick that was done; returns the beginning of a sentence where too many were missed, else nothing."""

@@ -36,6 +36,12 @@ class References:
             self._evaluate(tick.index, moved, BLOCK)
         return self._values[tick.index - self._first]
 
+    def block(self, index: int) -> Array:
+        """Return the references from a tick on, as far as they are evaluated at once, on a schedule that wasn't moved."""
+        if self._moved or not self._first <= index < self._first + len(self._values):
+            self._evaluate(index, 0, BLOCK)
+        return self._array[index - self._first :]
+
     def _shift_at(self, tick: Tick) -> int:
         """By how much the schedule was moved [ns]: whole ones, so that a rounding error moves nothing."""
         return round(1e9 * (tick.scheduled - tick.index * self._sample_time))
@@ -49,4 +55,5 @@ class References:
                 f"the signal {self._signal!r} gave shape {values.shape} for times of shape {t.shape}"
             )
         self._first, self._moved = first, moved
+        self._array: Array = values
         self._values: list[float] = values.tolist()

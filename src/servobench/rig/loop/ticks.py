@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeAlias
 
-from servobench.core.channels import Sample
+from servobench.core.channels import Array, Sample
 from servobench.core.errors import DeviceError, UsageError
 from servobench.recordings.recording import Stopped
 from servobench.rig.clock import Clock, Tick
@@ -16,6 +16,7 @@ from servobench.rig.devices.base import Device, RunEnded, value_text, voltage_or
 from servobench.rig.devices.guard.base import Alarm
 from servobench.rig.devices.guarded import Guarded
 from servobench.rig.experiment import Experiment
+from servobench.rig.loop.blocks.block_pass import BlockPass
 from servobench.rig.loop.place import Place
 from servobench.rig.loop.references import References
 from servobench.systems.control.base import Controller, State
@@ -90,6 +91,29 @@ class Drive:
         """Whether the controller's voltage is applied."""
         return self._enabled
 
+    @property
+    def controller(self) -> Controller:
+        """The control law in force."""
+        return self._controller
+
+    @property
+    def state(self) -> State:
+        """The control law's state."""
+        return self._state
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether the controller's voltage is applied, and no change waits."""
+        return self._enabled and not self._changes
+
+    def references(self, index: int) -> Array:
+        """Return the references (N,) from that tick on, as many as are evaluated at once."""
+        return self._references.block(index)
+
+    def pass_to(self, state: State, voltage: float) -> None:
+        """Take the control law's state after a block of ticks, and the voltage [V] that it commanded last."""
+        self._state, self.returned, self._last = state, voltage, voltage
+
     def change(self, change: Change) -> None:
         """Let it take effect at the next tick."""
         self._changes.append(change)
@@ -163,7 +187,10 @@ def run_ticks(
     if clock.timing == "host":  # otherwise the samples' own time is the run's
         device.set_clock(clock.elapsed)
     due, latch = 0, _Latch(device)
+    block = BlockPass.of(device, clock, drive, sink, attendants, ticks)
     while ticks is None or due < ticks:
+        if block is not None and (due := block.advance(due, ticks)) == ticks:
+            break
         tick = clock.latch(due, latch)
         received = clock.elapsed() if clock.timing == "device" else math.nan
         due = tick.index + 1
@@ -239,17 +266,26 @@ def _no_voltage(place: Place, drive: Drive) -> Alarm:
 
 def now_and_then(interval: float, sample_time: float, attendant: Attendant, first: int = 0) -> Attendant:
     """Return what shows an attendant one tick in each interval [s of the run], from the tick `first` on."""
-    every = max(1, round(interval / sample_time))
-    due = first
+    return NowAndThen(max(1, round(interval / sample_time)), attendant, first)
 
-    def show(place: Place) -> Stopped | None:
-        nonlocal due
-        if place.tick.index < due:
+
+class NowAndThen:
+    """Shows an attendant one tick of `every` so many; `due` is the number of the next."""
+
+    def __init__(self, every: int, attendant: Attendant, first: int) -> None:
+        self._every = every
+        self._attendant = attendant
+        self.due = first
+
+    def __call__(self, place: Place) -> Stopped | None:
+        """Show the tick, if it is time."""
+        if place.tick.index < self.due:
             return None
-        due = place.tick.index + every
-        return attendant(place)
+        self.due = place.tick.index + self._every
+        return self._attendant(place)
 
-    return show
+    def pass_to(self, tick: Tick) -> None:
+        """Do nothing: it wasn't time."""
 
 
 def outcome(carry_out: Callable[[], Stopped], device: Device) -> tuple[Stopped, BaseException | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +11,16 @@ from servobench.rig.motor.physics import MotorState, Physics, disturbance_factor
 from servobench.rig.motor.solvers.base import Solver
 
 # Two sums of the same tick, such as 3 h - 2 h and h, differ by rounding; below this part of a tick they are the same time.
-_SAME = 1e-9
+SAME = 1e-9
+
+
+class Course(NamedTuple):
+    """How far a motor is: `state` at the time `now` [s] under a `voltage` [V], and those `coming`, each after its time [s]."""
+
+    state: MotorState
+    now: float
+    voltage: float
+    coming: tuple[tuple[float, float], ...]
 
 
 class Plant:
@@ -30,9 +40,11 @@ class Plant:
         random: np.random.Generator,
     ) -> None:
         self.state = MotorState(0.0, 0.0, angle)
-        self._physics, self._solver, self._tick = physics, solver, tick
+        self.solver = solver
+        self._physics, self._tick = physics, tick
         self._noise, self._random = torque_noise, random
-        self._of_a_tick = disturbance_factor(physics, torque_noise, tick) if torque_noise else None
+        self.factor = disturbance_factor(physics, torque_noise, tick) if torque_noise else None
+        """What white torque does in a tick, (3, 3); None without one."""
         self._now, self._voltage = 0.0, 0.0
         self.blocked = False
         self._coming: list[tuple[float, float]] = []
@@ -47,23 +59,33 @@ class Plant:
 
     def advance_to(self, time: float) -> MotorState:
         """Carry the motor forward to a time [s] and return its state; a time that has passed changes nothing."""
-        while self._coming and self._coming[0][0] <= time + _SAME * self._tick:
+        while self._coming and self._coming[0][0] <= time + SAME * self._tick:
             at, voltage = self._coming.pop(0)
             self._advance(at)
             self._voltage = voltage
         self._advance(time)
         return self.state
 
+    @property
+    def course(self) -> Course:
+        """Where it is, to go on from there elsewhere (`resume`)."""
+        return Course(self.state, self._now, self._voltage, tuple(self._coming))
+
+    def resume(self, course: Course) -> None:
+        """Go on from where it was carried elsewhere."""
+        self.state, self._now, self._voltage, coming = course
+        self._coming = list(coming)
+
     def _advance(self, time: float) -> None:
-        while (left := time - self._now) > _SAME * self._tick:
-            whole = left > (1 - _SAME) * self._tick
+        while (left := time - self._now) > SAME * self._tick:
+            whole = left > (1 - SAME) * self._tick
             step = self._tick if whole else left
             if self.blocked:
                 self.state = self._hold_shaft(step)
             else:
-                self.state = self._solver.advance(self.state, self._voltage, step)
+                self.state = self.solver.advance(self.state, self._voltage, step)
                 self._disturb(step)
-            self._now = time if left <= (1 + _SAME) * self._tick else self._now + step
+            self._now = time if left <= (1 + SAME) * self._tick else self._now + step
 
     def _hold_shaft(self, step: float) -> MotorState:
         """The state after a step [s] with the shaft held where it is: L di/dt = v - R i, without back-emf."""
@@ -75,10 +97,8 @@ class Plant:
 
     def _disturb(self, step: float) -> None:
         """Add what a white torque does to a shaft that slides; one that sticks is held by friction."""
-        if self._of_a_tick is None or self.state.speed == 0.0:
+        if self.factor is None or self.state.speed == 0.0:
             return
-        factor = (
-            self._of_a_tick if step == self._tick else disturbance_factor(self._physics, self._noise, step)
-        )
+        factor = self.factor if step == self._tick else disturbance_factor(self._physics, self._noise, step)
         added = factor @ self._random.standard_normal(3)
         self.state = MotorState(*(float(a + b) for a, b in zip(self.state, added, strict=True)))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol, Self, runtime_checkable
+from typing import Annotated, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 from pydantic import ConfigDict, Field, ValidationError, model_validator
@@ -89,6 +90,13 @@ class Fault(Settings, ABC):
 
     model_config = ConfigDict(populate_by_name=True)
 
+    sees_every_sample: ClassVar[bool] = True
+    """Whether it has to see all samples, to know what to make of those of its time."""
+
+    def next_time(self, run: Injected) -> float:
+        """Return the time of the next sample that it has to see [s], on the run's own clock; infinite where there is none."""
+        return run.due
+
     def unsupported(self, device: Device) -> str | None:
         """Return what keeps a device from having this fault, as the end of a sentence; None where nothing does."""
         return None
@@ -110,6 +118,12 @@ class Lasting(Fault, ABC):
     for_: PositiveTime | None = Field(default=None, alias="for")
     """How long it lasts; without it, to the end [s]."""
 
+    def next_time(self, run: Injected) -> float:
+        """Return the beginning where that is to come [s]; after its end it has nothing more to see."""
+        if self.sees_every_sample or self.holds(run) or self.will_hold(run):
+            return run.due
+        return self.from_ if run.due < self.from_ else math.inf
+
     def holds(self, run: Injected) -> bool:
         """Whether the device's last sample lies in that time: from its beginning on, and before its end."""
         return self._covers(run.now, run.sample_time)
@@ -128,6 +142,10 @@ class Final(Fault, ABC):
 
     from_: Annotated[Time, Field(ge=0)] = Field(default=1.0, alias="from")
     """When it happens, counted from the first sample [s]."""
+
+    def next_time(self, run: Injected) -> float:
+        """Return when it happens [s]."""
+        return run.due if self.sees_every_sample else max(self.from_, run.due)
 
     def is_due(self, run: Injected) -> bool:
         """Whether the device's last sample is at that time or after it."""

@@ -11,6 +11,8 @@ from servobench.rig.devices.faults.base import FAULTS, Injected, Injection, Last
 class BlockedShaft(Lasting):
     """Something holds the shaft where it is, whatever the voltage; the current goes to that of a stalled motor, u/R."""
 
+    sees_every_sample = False
+
     def unsupported(self, device: Device) -> str | None:
         """It takes a simulated motor."""
         return (

@@ -15,6 +15,8 @@ from servobench.rig.devices.faults.timekeeping import keeps_own_time
 class ClockStep(Lasting):
     """The device's time jumps, forward or back, and stays so for a while or to the end; the samples' numbers go on as before."""
 
+    sees_every_sample = False
+
     by: Time = 0.1
     """How far it jumps; below 0 it goes back [s]."""
 

@@ -14,6 +14,8 @@ from servobench.rig.devices.faults.timekeeping import keeps_own_time
 class ClockStuck(Lasting):
     """The samples carry the same time again and again, and the right one afterwards; their numbers go on as before."""
 
+    sees_every_sample = False
+
     def unsupported(self, device: Device) -> str | None:
         """It takes a device whose samples carry its own time."""
         return keeps_own_time(device)

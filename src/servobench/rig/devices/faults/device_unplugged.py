@@ -14,6 +14,8 @@ class DeviceUnplugged(Final):
     The stop goes through all the same, as a fault that is injected must not leave a motor turning.
     """
 
+    sees_every_sample = False
+
     def begin(self, run: Injected) -> Injection:
         """Fail from the first sample of that time on."""
         gone = False

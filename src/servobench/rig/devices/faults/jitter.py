@@ -18,6 +18,8 @@ class Jitter(Occasional):
     `recorded` says whether the sample's time tells so. By host time it can't: the clock notes the time before it asks.
     """
 
+    sees_every_sample = False
+
     largest: PositiveTime = 2e-4
     """The largest lateness; less than the sample time [s]."""
     recorded: bool = True

@@ -18,6 +18,8 @@ class Lost(Occasional):
     The first sample isn't lost: a run begins with the first that arrives.
     """
 
+    sees_every_sample = False
+
     @model_validator(mode="after")
     def _check_loss(self) -> Self:
         each = self.every == 1 or self.probability == 1 or (self.every is None and self.probability is None)

@@ -15,6 +15,8 @@ from servobench.rig.devices.faults.base import FAULTS, Injected, Injection, Latc
 class Nan(Occasional):
     """A measured value, or the device's answer to a voltage, is not a number (NaN)."""
 
+    sees_every_sample = False
+
     channel: Literal["applied", "counts", "current", "tachometer"] = "applied"
     """Which one: applied (the answer to a voltage), counts, current or tachometer."""
 

@@ -13,6 +13,8 @@ class Repeated(Occasional):
     Where the device numbers its samples, that ends the run: what comes out of order can't be trusted.
     """
 
+    sees_every_sample = False
+
     def begin(self, run: Injected) -> Injection:
         """Keep a sample that is to arrive twice, and give it at the next read."""
         happens = self.occasions(run)

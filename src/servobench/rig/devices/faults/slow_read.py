@@ -16,6 +16,8 @@ class SlowRead(Occasional):
     time nothing waits: the sample is the one that is due by then, and late.
     """
 
+    sees_every_sample = False
+
     takes: PositiveTime = 0.01
     """How long such a read takes [s]."""
 

@@ -9,6 +9,8 @@ from typing import ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.finding import Finding
 from servobench.core.registry import Registry
+from servobench.rig.devices import handover as at
+from servobench.rig.devices.handover import Handover
 from servobench.rig.experiment.limits import Limits
 
 # At 2048 counts a turn a count is 0.3 rad/s then, and a shaft that stops dead from 200 rad/s is below 1 rad/s after 53 ms.
@@ -128,6 +130,29 @@ class Motion:
     def unwrapped(self) -> int:
         """The last sample's counts as a counter without wraps would show them."""
         return self._first + self.position
+
+    def hand_over(self, to: Handover) -> None:
+        """Write what a sample is seen by, and the state after the last one."""
+        to.p[at.HALF_COUNTER], to.p[at.ANGLE] = self._half, self._angle
+        to.p[at.SMOOTHING], to.p[at.FEEDBACK] = self._smoothing, self.feedback
+        to.s[at.COUNTS : at.APPLIED + 1] = (
+            self._counts or 0,
+            self.time,
+            self.dt,
+            self.step,
+            self.position,
+            self.speed,
+            self.fastest,
+            self.applied,
+        )
+
+    def take_back(self, block: Handover) -> None:
+        """Read the state after the last sample."""
+        counts, self.time, self.dt, step, position, self.speed, self.fastest, self.applied = block.s[
+            at.COUNTS : at.APPLIED + 1
+        ].tolist()
+        self._counts, self.step, self.position = int(counts), int(step), int(position)
+        self.current = float(block.s[at.SEEN_CURRENT]) if block.p[at.CURRENT_STEP] else None
 
 
 @runtime_checkable

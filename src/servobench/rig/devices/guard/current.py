@@ -6,7 +6,9 @@ from typing import ClassVar, Self
 
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Motion, Rig
+from servobench.rig.devices.handover import Handover
 
 
 @MONITORS.member("current")
@@ -46,6 +48,13 @@ class CurrentMonitor:
             f"the current was {_current_text(current)}, beyond the limit of {self._limit:g} A; find out what holds the "
             "shaft, or raise limits.current",
         )
+
+    def hand_over(self, to: Handover) -> None:
+        """Write the limit."""
+        to.p[at.MOST_CURRENT] = self._limit
+
+    def take_back(self, block: Handover) -> None:
+        """Read nothing: there is no state."""
 
     def findings(self) -> tuple[Finding, ...]:
         """Return nothing: what there is to say is the fault."""

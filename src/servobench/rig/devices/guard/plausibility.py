@@ -7,13 +7,15 @@ from typing import ClassVar, Self
 
 from servobench.core.finding import Finding
 from servobench.core.rounding import milliseconds
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.guard.base import MONITORS, SMOOTHING, Alarm, Motion, Nominal, Rig
+from servobench.rig.devices.handover import Handover
 
-_BAND = 2  # counts; a channel that is stuck leaves the other one, which makes a count toggle
+BAND = 2  # counts; a channel that is stuck leaves the other one, which makes a count toggle
 _SLUGGISH = 0.5  # of the nominal acceleration; R, k and J 20 % off make 0.8 / 1.2² = 0.56, friction 20 % off another 2 %
 _CLEARLY = 2  # times the band: how far the shaft must have turned before its absence is a fault
 _AT_SPEED = 0.5  # of the steady speed at the smallest voltage; k and friction 20 % off make 0.73
-_BLOCKED = 0.6  # of what a winding at rest draws; R 20 % off makes 0.83 at rest
+BLOCKED_SHARE = 0.6  # of what a winding at rest draws; R 20 % off makes 0.83 at rest
 
 
 @MONITORS.member("plausibility")
@@ -43,7 +45,7 @@ class PlausibilityMonitor:
         self, nominal: Nominal, voltage: float, angle: float, smoothing: float, delay: float
     ) -> None:
         slowest = _SLUGGISH * nominal.gain * (voltage - nominal.coulomb_voltage) / nominal.time_constant
-        self._patience = math.sqrt(8 * _CLEARLY * (2 * _BAND + 1) * angle / slowest) + delay
+        self._patience = math.sqrt(8 * _CLEARLY * (2 * BAND + 1) * angle / slowest) + delay
         self._voltage = voltage * (1 - 1e-9)
         self._at_speed = _AT_SPEED * nominal.gain * voltage
         self._resistance, self._smoothing = nominal.resistance, smoothing
@@ -75,7 +77,7 @@ class PlausibilityMonitor:
     def check(self, motion: Motion) -> Alarm | None:
         """Return an alarm where the encoder has stood for too long."""
         u, dt = motion.applied, motion.dt
-        if -_BAND <= motion.position - self._anchor <= _BAND:
+        if -BAND <= motion.position - self._anchor <= BAND:
             self._standing += dt
         else:
             self._anchor, self._standing, self._before = motion.position, 0.0, motion.speed
@@ -90,6 +92,33 @@ class PlausibilityMonitor:
             return None
         return self._alarm(motion) if self._turns(motion) else None
 
+    def hand_over(self, to: Handover) -> None:
+        """Write the limits and the state."""
+        to.p[at.PATIENCE], to.p[at.SUSPECT_VOLTAGE], to.p[at.AT_SPEED] = (
+            self._patience,
+            self._voltage,
+            self._at_speed,
+        )
+        to.p[at.RESISTANCE] = math.nan if self._resistance is None else self._resistance
+        to.s[at.ANCHOR : at.DIRECTION + 1] = (
+            self._anchor,
+            self._before,
+            self._smooth,
+            self._blocked,
+            self._drove,
+            self._standing,
+            self._pushed,
+            self._direction,
+        )
+
+    def take_back(self, block: Handover) -> None:
+        """Read the state."""
+        anchor, self._before, self._smooth, blocked, drove, self._standing, self._pushed, direction = block.s[
+            at.ANCHOR : at.DIRECTION + 1
+        ].tolist()
+        self._anchor, self._direction = int(anchor), int(direction)
+        self._blocked, self._drove = bool(blocked), bool(drove)
+
     def findings(self) -> tuple[Finding, ...]:
         """Return nothing: what there is to say is the fault."""
         return ()
@@ -97,7 +126,7 @@ class PlausibilityMonitor:
     def _draw(self, drop: float, pushing: float, dt: float) -> None:
         """Take what the current takes from the voltage, i R [V], and note whether it was ever that of a winding at rest."""
         self._smooth += (drop - self._smooth) * dt / (self._smoothing + dt)
-        at_rest = _BLOCKED * pushing
+        at_rest = BLOCKED_SHARE * pushing
         self._blocked = max(drop * self._direction, self._smooth * self._direction) >= at_rest
         self._drove = self._drove or drop * self._direction >= at_rest
 

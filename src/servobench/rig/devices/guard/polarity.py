@@ -5,8 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import ClassVar, NamedTuple, Self
 
+import numpy as np
+
 from servobench.core.finding import Finding
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Motion, Rig
+from servobench.rig.devices.handover import Handover
 
 MOST_POINTS = 60  # that are kept; 0.3 s at the finest, and of a longer motion every other one
 GRID = 0.005  # s between the points that are kept of it, or a sample time where that is longer
@@ -86,6 +90,30 @@ class PolarityMonitor:
         if len(points) <= FEWEST_POINTS or -self._suspect < mean < self._suspect:
             return None
         return self._alarm(mean) if self._runs_away(1 if mean > 0 else -1) else None
+
+    def hand_over(self, to: Handover) -> None:
+        """Write the limits and the state."""
+        to.p[at.POLARITY], to.p[at.FINEST], to.p[at.SUSPECT_SHARE] = 1.0, self._finest, self._suspect
+        to.s[at.GRID_TIME : at.FIRST_POINT] = (
+            self._grid,
+            self._from_rest,
+            self._step,
+            self._impulse,
+            self._since,
+            len(self._points),
+        )
+        to.s[at.FIRST_POINT : at.FIRST_POINT + at.POINT * len(self._points)] = np.ravel(self._points)
+
+    def take_back(self, block: Handover) -> None:
+        """Read the state."""
+        self._grid, from_rest, step, self._impulse, self._since, count = block.s[
+            at.GRID_TIME : at.FIRST_POINT
+        ].tolist()
+        self._from_rest, self._step = bool(from_rest), int(step)
+        kept = block.s[at.FIRST_POINT : at.FIRST_POINT + at.POINT * int(count)].reshape(-1, at.POINT)
+        self._points = [
+            Point(time, impulse, mean, int(counts)) for time, impulse, mean, counts in kept.tolist()
+        ]
 
     def findings(self) -> tuple[Finding, ...]:
         """Return nothing: what there is to say is the fault."""

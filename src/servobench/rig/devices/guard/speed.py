@@ -6,7 +6,9 @@ from typing import ClassVar, Self
 
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Motion, Rig
+from servobench.rig.devices.handover import Handover
 
 
 @MONITORS.member("speed")
@@ -45,6 +47,13 @@ class SpeedMonitor:
             f"the speed was {motion.fastest:.3g} rad/s, above the limit of {self._limit:g} rad/s; use a lower "
             "voltage, or raise limits.speed",
         )
+
+    def hand_over(self, to: Handover) -> None:
+        """Write the limit."""
+        to.p[at.MOST_SPEED] = self._limit
+
+    def take_back(self, block: Handover) -> None:
+        """Read nothing: there is no state."""
 
     def findings(self) -> tuple[Finding, ...]:
         """Return nothing: what there is to say is the fault."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import ClassVar, Self
 
 from servobench.core.finding import Finding, warning
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Motion, Rig
+from servobench.rig.devices.handover import Handover
 from servobench.rig.experiment.limits import StallLimits
 
 
@@ -54,6 +56,18 @@ class StallMonitor:
             self.time_stalled = 0.0
             return None
         return self._stall_alarm(motion)
+
+    def hand_over(self, to: Handover) -> None:
+        """Write the limits and the state."""
+        to.p[at.STALL_VOLTAGE], to.p[at.STALL_SPEED] = self._control, self._motion
+        to.p[at.STALL_WARNING], to.p[at.STALL_DURATION] = self._limits.warning, self._limits.duration
+        to.s[at.STALLED], to.s[at.LONGEST_STALL] = self.time_stalled, self.longest
+        to.s[at.STALL_WARNINGS] = self._warnings
+
+    def take_back(self, block: Handover) -> None:
+        """Read the state."""
+        self.time_stalled, self.longest = float(block.s[at.STALLED]), float(block.s[at.LONGEST_STALL])
+        self._warnings = int(block.s[at.STALL_WARNINGS])
 
     def findings(self) -> tuple[Finding, ...]:
         """Return a warning where the shaft was stalled for longer than `limits.stall.warning`."""

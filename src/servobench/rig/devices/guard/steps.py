@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Self
 
 from servobench.core.finding import Finding
 from servobench.core.rounding import milliseconds
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Motion, Rig
+from servobench.rig.devices.handover import Handover
 
 _FASTER = 1.5  # than the nominal motor without a load at the largest voltage; a motor constant 20 % too small makes 1.25
-_ROUNDING = 2  # counts that rounding may add to a step
+ROUNDING = 2  # counts that rounding may add to a step
 
 
 @MONITORS.member("steps")
@@ -45,7 +48,7 @@ class StepMonitor:
         return (
             f"less than {self._half} counts"
             if self._fastest is None
-            else f"at most {self._fastest * self._sample_time:.0f} counts in a sample time, that again, and {_ROUNDING}"
+            else f"at most {self._fastest * self._sample_time:.0f} counts in a sample time, that again, and {ROUNDING}"
         )
 
     def check(self, motion: Motion) -> Alarm | None:
@@ -60,8 +63,16 @@ class StepMonitor:
                 f"{milliseconds(motion.dt)} ms passed between two samples, so the counter may have wrapped "
                 "unnoticed and the position is lost: sample faster, or use a wider counter",
             )
-        largest = possible + self._fastest * self._sample_time + _ROUNDING
+        largest = possible + self._fastest * self._sample_time + ROUNDING
         return self._alarm(motion, largest) if step > largest else None
+
+    def hand_over(self, to: Handover) -> None:
+        """Write the limit."""
+        to.p[at.STEPS] = 1.0
+        to.p[at.FASTEST_STEP] = math.nan if self._fastest is None else self._fastest
+
+    def take_back(self, block: Handover) -> None:
+        """Read nothing: there is no state."""
 
     def findings(self) -> tuple[Finding, ...]:
         """Return nothing: what there is to say is the fault."""

@@ -7,7 +7,9 @@ from typing import ClassVar, Self
 
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding
+from servobench.rig.devices import handover as at
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Motion, Rig
+from servobench.rig.devices.handover import Handover
 
 
 @MONITORS.member("travel")
@@ -47,6 +49,13 @@ class TravelMonitor:
             f"the shaft was {motion.position * self._angle:.3g} rad from its start, beyond the limit of "
             f"{self._limit:g} rad; turn it back by hand, and use a lower or shorter voltage",
         )
+
+    def hand_over(self, to: Handover) -> None:
+        """Write the limit."""
+        to.p[at.MOST_TRAVEL] = self._most
+
+    def take_back(self, block: Handover) -> None:
+        """Read nothing: there is no state."""
 
     def findings(self) -> tuple[Finding, ...]:
         """Return nothing: what there is to say is the fault."""
