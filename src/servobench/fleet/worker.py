@@ -1,0 +1,57 @@
+"""What a worker does: a file in, a row out, whatever the file is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from numpy.linalg import LinAlgError
+
+from servobench.core.errors import MissingInformation, ServobenchError
+from servobench.fleet.row import CRASHED, UNUSABLE, Row, failed_row, result_row
+from servobench.fleet.settings import Settings
+from servobench.fleet.source import Item, Source
+
+
+def identify_item(source: Source, settings: Settings, item: Item, columns: Mapping[str, str]) -> Row:
+    """Return the row of a recording, with the CPU time that it took [s]; what goes wrong with it is its reason."""
+    began = time.process_time()
+    try:
+        with source.local(item) as path:
+            row = result_row(item, columns, settings.identify(path)[1])
+    except MissingInformation as error:
+        row = failed_row(item, columns, UNUSABLE, "; ".join(error.missing))
+    except ServobenchError as error:
+        row = failed_row(item, columns, UNUSABLE, " ".join(str(error).split()))
+    except OSError as error:
+        row = failed_row(item, columns, UNUSABLE, f"it can't be read: {error.strerror or error}")
+    except MemoryError:
+        row = failed_row(item, columns, CRASHED, "there isn't enough memory for it")
+    except (Exception, SystemExit) as error:  # one file must not end a run of thousands
+        told = (str(error).splitlines() or ["no more is said"])[0]
+        row = failed_row(item, columns, CRASHED, f"a fault of servobench: {type(error).__name__}: {told}")
+    return row | {"cpu_seconds": time.process_time() - began}
+
+
+def write_report(
+    source: Source, settings: Settings, item: Item, middle: Mapping[str, float], page: Path, command: str
+) -> tuple[str, ...]:
+    """Write the report of a recording, unless it is there, and return in sentences why it differs from `middle`, the fleet's gain and time constant.
+
+    The causes are those of `why`; none where the data can't be used, or tell nothing of these parameters.
+    """
+    from servobench.identification.reconciliation.reconcile import explain
+    from servobench.report.document import Report
+
+    with source.local(item) as path:
+        evidence, result = settings.identify(path)
+    if not page.exists():
+        Report([part.recording for part in evidence], result, command=command).write(page)
+    if result.fit is None or not set(middle) <= set(result.fit.model.names):
+        return ()
+    try:
+        return explain(result, middle).sentences
+    except (ServobenchError, ArithmeticError, LinAlgError) as error:
+        # Such as data without any noise, which leave a matrix of uncertainties without an inverse.
+        return (f"Nothing can be said of the cause: {error}.",)
