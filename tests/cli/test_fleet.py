@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 
 from servobench.cli import main
 from servobench.fleet import page
 from servobench.fleet.parts import rows_in
+from servobench.fleet.repeatability import gauge_study
 from tests.cli.conftest import Command
 from tests.cli.test_each import COLUMNS, write_motor
 from tests.fleet.motors import comparable, write_fleet
@@ -160,10 +162,12 @@ def test_a_stand_s_repeatability_is_told(servobench: Command, tmp_path: Path) ->
     """Three motors, two operators, two trials; the second operator's gains are 1 % higher, and trials differ by 0.2 %."""
     stand, out = tmp_path / "stand", tmp_path / "out"
     stand.mkdir()
+    gains = []
     for serial, gain in enumerate((18.0, 20.0, 23.0)):
         for operator, factor in (("ada", 1.0), ("ben", 1.01)):
             for trial in (1, 2):
-                write_motor(stand / f"{serial}_{operator}_{trial}.csv", gain * factor * (1 + 0.002 * trial))
+                gains.append(gain * factor * (1 + 0.002 * trial))
+                write_motor(stand / f"{serial}_{operator}_{trial}.csv", gains[-1])
     limits = tmp_path / "limits.toml"
     limits.write_text("[gain]\nlow = 15\nhigh = 25", encoding="utf-8")
     pattern = ("--pattern", "{serial}_{operator}_{trial}.csv")
@@ -177,9 +181,9 @@ def test_a_stand_s_repeatability_is_told(servobench: Command, tmp_path: Path) ->
     unknown = servobench(*study, "--operator", "shift")
 
     assert (found["parts"], found["operators"], found["trials"]) == (3, 2, 2)
-    # The trials of a gain g lie 0.2 % of it apart, a variance of (0.002 g)²/2; the root of the mean g² over the six cells is 20.5.
-    assert found["components"]["repeatability"]["sd"] == pytest.approx(0.002 * 20.5 / 2**0.5, rel=0.02)
-    assert found["components"]["operator"]["sd"] == pytest.approx(0.01 * 20.3 / 2**0.5, rel=0.05)
+    exact = gauge_study(np.array(gains).reshape(3, 2, 2))
+    for name in ("repeatability", "operator", "part"):
+        assert found["components"][name]["sd"] == pytest.approx(exact.components[name].sd, rel=1e-3), name
     assert found["components"]["gauge"]["of_tolerance"] == pytest.approx(
         600 * found["components"]["gauge"]["sd"] / 10
     )

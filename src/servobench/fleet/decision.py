@@ -33,8 +33,10 @@ class Rule:
     """A decision rule: how many standard uncertainties the guard band has; None where the conformance probability decides."""
 
     name: str
+    """What a file of limits calls it."""
     guard: float | None
     meaning: str
+    """Where it comes from, and the risk at a limit."""
 
 
 RULES: Mapping[str, Rule] = {
@@ -71,7 +73,9 @@ class Measured:
 
     value: float
     low: float
+    """The lower end."""
     high: float
+    """The upper end."""
 
     @property
     def u_below(self) -> float:

@@ -51,7 +51,7 @@ class ControlChart:
 
 
 def control_chart(values: Array) -> ControlChart | None:
-    """Return the control chart of values in the order in which the motors were made; None for fewer than eight.
+    """Return the control chart of values (N,) in the order in which the motors were made; None for fewer than eight.
 
     Control limits are 3 σ/√size about the median; σ is the median of the moving ranges over 0.954, for which neither drift nor
     a few odd motors count.
@@ -103,7 +103,7 @@ def distribution(fleet: Fleet, parameter: Parameter) -> Illustration:
 
 
 def over_time(fleet: Fleet, parameter: Parameter, order: Array, along: str) -> Illustration | None:
-    """Return the control chart of a parameter with the motors in an order, `along` what they are ordered by; None for too few."""
+    """Return the control chart of a parameter with the motors in an order (N,), by what is `along`; None for too few."""
     chart = control_chart(parameter.value[order])
     if chart is None:
         return None

@@ -27,6 +27,7 @@ class Progress:
 
     done: int
     due: int
+    """Files that this command had to do."""
     before: int
 
 
@@ -37,6 +38,7 @@ class Summary:
     identified: int
     before: int
     others: tuple[str, ...]
+    """Files of the source that are no recordings."""
 
 
 def identify_fleet(
@@ -121,7 +123,7 @@ def row_or_reason(item: Item, pattern: NamePattern | None, found: Row | Died) ->
 
 @contextmanager
 def pool_of(work: Callable[[Any], Any], count: int, scheduler: str | None) -> Iterator[Any]:
-    """Return the workers: processes of this machine, or those of a Dask cluster at an address."""
+    """Return the workers: processes of this machine, or those of a Dask cluster; raises `UsageError` without them."""
     if scheduler is None:
         with Processes(work, count) as processes:
             yield processes

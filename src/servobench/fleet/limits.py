@@ -33,7 +33,9 @@ class Limit:
 
     parameter: str
     low: float | str | None
+    """The lower limit."""
     high: float | str | None
+    """The upper limit."""
 
     def ends(self, unit: str) -> tuple[float, float]:
         """Return both limits in a unit, infinite where there is none; raises `UsageError` where they measure something else."""
@@ -61,6 +63,7 @@ class Judgement:
     """
 
     decision: Decision
+    """Pass, fail or undecided."""
     decided_by: str
     consumer_risk: float | None = None
     producer_risk: float | None = None

@@ -36,6 +36,7 @@ class WorstMotor:
     """A motor that somebody should look at: why, what may be the cause, and its report below the page, if it could be written."""
 
     file: str
+    """Its recording."""
     why: str
     cause: str
     report: str

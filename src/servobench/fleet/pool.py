@@ -29,6 +29,7 @@ class Died:
     """In place of a result: the process that worked on it ended, and why as far as is known."""
 
     reason: str
+    """A sentence."""
 
 
 class Processes(Generic[T, R]):

@@ -26,8 +26,11 @@ class AnovaLine:
     """A line of the analysis of variance: sum of squares, degrees of freedom, mean square; F and p where it is tested."""
 
     source: str
+    """What varies."""
     sum_squares: float
+    """The sum of squares, in the square of the unit."""
     dof: int
+    """Degrees of freedom."""
     mean_square: float
     f: float | None = None
     p: float | None = None
@@ -38,11 +41,15 @@ class Component:
     """A part of the variation: variance and its share [%], sd, and 6 sd over those of all and over the tolerance [%]."""
 
     name: str
+    """Which part."""
     variance: float
     contribution: float
+    """The share of the variance [%]."""
     sd: float
     of_study: float
+    """6 sd over those of all [%]."""
     of_tolerance: float | None
+    """6 sd over the tolerance [%], None without one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +62,7 @@ class GaugeStudy:
     pooled: bool
     """Whether the interaction is counted as repeatability."""
     lines: tuple[AnovaLine, ...]
+    """The analysis of variance."""
     components: Mapping[str, Component]
     """`gauge`, `repeatability`, `reproducibility`, `operator`, `interaction`, `part` and `total`."""
     categories: int
@@ -77,7 +85,7 @@ class GaugeStudy:
 
 
 def gauge_study(y: Array, tolerance: float | None = None) -> GaugeStudy:
-    """Return the study of measured values y (parts, operators, trials).
+    """Return the study of measured values y (N, O, K): N parts, O operators, K trials.
 
     y_ijk = μ + part_i + operator_j + (part × operator)_ij + e_ijk, all random. Mean squares give the variances: e = MS_e,
     interaction = (MS_po - MS_e)/k, operator = (MS_o - MS_po)/(n k), part = (MS_p - MS_po)/(o k), each at least 0; where the
@@ -182,7 +190,8 @@ def _categories(part: float, gauge: float) -> int:
 def crossed_values(
     values: Sequence[float], parts: Sequence[str], operators: Sequence[str], trials: Sequence[str]
 ) -> Array:
-    """Return measured values as an array (parts, operators, trials), each part measured equally often by each operator.
+    """Return measured values as an array (N, O, K) of parts, operators and trials, each part measured equally often by each
+    operator.
 
     Within a part and an operator the values are in the order of `trials`. Raises `UsageError` which says where one is missing.
     """

@@ -16,14 +16,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What is asked for of each file; `options` are those of `ReadingOptions`, the rest is as for `identify`."""
+    """What is asked for of each file; `options` are those of `ReadingOptions`, the rest is as for `identify`.
+
+    Raises `UsageError` for several stated inputs.
+    """
 
     options: Mapping[str, Any] = field(default_factory=dict)
     structure: str = "auto"
+    """The name of the model structure, or auto."""
     estimator: str = "auto"
+    """The name of the method, or auto."""
     nominal: str | None = None
+    """The name of a data sheet to compare with."""
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Known parameters of the motor, each with its standard deviation, in SI units."""
     starts_at_rest: bool = False
+    """Whether the motor rests when each record begins."""
 
     def __post_init__(self) -> None:
         values = self.options.get("input_value")

@@ -22,7 +22,9 @@ class Item:
     """A recording of a fleet: its path below the source with `/` between folders, and what changes when the file does."""
 
     name: str
+    """The path."""
     stamp: str
+    """Size and time, or what a store tells in their place."""
 
     @property
     def text(self) -> str:
@@ -52,6 +54,7 @@ class Folder:
     """A folder of this machine; hidden files, and what lies below `without`, are no part of it."""
 
     root: Path
+    """The folder."""
     without: Path | None = None
 
     @property
@@ -106,6 +109,7 @@ class Store:
     """A place that fsspec knows, such as `s3://bucket/line-3`; each file is fetched for as long as it is read."""
 
     url: str
+    """The address."""
 
     @property
     def address(self) -> str:
@@ -167,7 +171,9 @@ class Listing:
     """The recordings of a source, in the order of their names, and the names of the files that are none."""
 
     items: tuple[Item, ...]
+    """The recordings."""
     others: tuple[str, ...]
+    """What isn't called like one."""
 
 
 def listing(source: Source, pattern: NamePattern | None) -> Listing:

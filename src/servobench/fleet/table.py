@@ -31,6 +31,7 @@ class Parameter:
     """One parameter of all motors: `value`, `low` and `high` (N,) in `unit`, NaN where it isn't known of one."""
 
     name: str
+    """Its name in programs."""
     unit: str
     value: Array
     low: Array
@@ -54,10 +55,14 @@ class Fleet:
 
     files: tuple[str, ...]
     stamps: tuple[str, ...]
+    """What changes when a file does."""
     texts: Mapping[str, tuple[str, ...]]
     outcomes: tuple[str, ...]
+    """Identified, unusable or crashed."""
     verdicts: tuple[str, ...]
+    """Empty where there is no result."""
     reasons: tuple[str, ...]
+    """Why there is no result, or why it isn't trusted."""
     findings: Mapping[str, int]
     """How many motors have a finding of that code."""
     parameters: tuple[Parameter, ...]

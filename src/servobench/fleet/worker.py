@@ -37,7 +37,9 @@ def identify_item(source: Source, settings: Settings, item: Item, columns: Mappi
 def write_report(
     source: Source, settings: Settings, item: Item, middle: Mapping[str, float], page: Path, command: str
 ) -> tuple[str, ...]:
-    """Write the report of a recording, unless it is there, and return in sentences why it differs from `middle`, the fleet's gain and time constant.
+    """Write the report of a recording, unless it is there, and return in sentences why it differs from the fleet.
+
+    `middle` are the fleet's gain and time constant.
 
     The causes are those of `why`; none where the data can't be used, or tell nothing of these parameters.
     """
