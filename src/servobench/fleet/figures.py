@@ -155,6 +155,7 @@ def _histogram(
     counts, edges = np.histogram(values, bins=_BINS, range=shown)
     figure = sheet(style, _HEIGHT)
     ax = axes(figure, whole(style, _HEIGHT), style.palette, "Motors")
+    ax.locator_params(axis="y", integer=True)
     ax.stairs(counts, edges / factor, fill=True, color=style.palette.measured, linewidth=0)
     _draw_limits(ax.axvline, [end / factor for end in ends], style)
     ax.set(ylim=(0, 1.1 * max(int(counts.max()), 1)), xlim=tuple(edges[[0, -1]] / factor))

@@ -60,7 +60,7 @@ def _ogk(x: Array) -> tuple[Array, Array]:
     _, directions = np.linalg.eigh(together)
     along = x @ directions
     scale = np.maximum(
-        _scale(along), 1e-9
+        _scale(along), 1e-4
     )  # parameters that are one and the same leave a direction without scatter
     middle: Array = directions @ np.median(along, axis=0)
     covariance: Array = (directions * scale**2) @ directions.T

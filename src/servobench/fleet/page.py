@@ -19,6 +19,7 @@ from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import count_text, plain, with_unit
 from servobench.fleet.decision import Decision, GlobalRisks, global_risks
 from servobench.fleet.figures import distribution, over_time
+from servobench.fleet.outliers import farthest_plain
 from servobench.fleet.row import IDENTIFIED
 from servobench.fleet.settings import Settings
 from servobench.fleet.source import Item, source_at
@@ -117,8 +118,8 @@ def worst_motors(
         item = Item(file, fleet.stamps[number])
         page = reports / _page_name(item)
         try:
-            sentences = write_report(source, settings, item, middle, page, command)
-            cause = " ".join(sentences) if fleet.outlying[number] or _fails(fleet, number) else ""
+            claimed = {name: middle[name] for name in _odd(fleet, number) & set(middle)}
+            cause = " ".join(write_report(source, settings, item, claimed, page, command))
         except (ServobenchError, OSError) as error:  # it was readable once; the row stays
             cause = f"no report: {error}"
         link = f"reports/{page.name}" if page.exists() else ""
@@ -254,9 +255,27 @@ def _why(fleet: Fleet, number: int) -> str:
     if fleet.judgements:
         judged = fleet.judgements[number]
         said += [str(judged.decision), judged.decided_by]
+    said += [
+        f"{parameter_in_words(each.name, each.unit)} {with_unit(float(each.value[number]), each.unit)} where the median is "
+        f"{with_unit(float(np.nanmedian(each.value)), each.unit)}"
+        for each in fleet.parameters
+        if each.name in _odd(fleet, number)
+    ]
     if np.isfinite(fleet.distance[number]):
-        said.append(f"{plain(float(fleet.distance[number]), 3)} standard deviations from the middle")
+        said.append(f"distance {plain(float(fleet.distance[number]), 3)}")
     return "; ".join(filter(None, said))
+
+
+def _odd(fleet: Fleet, number: int) -> set[str]:
+    """The parameters that by themselves are further from the median than that of any motor in 99 of 100 plain fleets."""
+    found = set()
+    for each in fleet.parameters:
+        values = each.value[np.isfinite(each.value)]
+        if np.isfinite(each.value[number]) and len(values) >= 8:
+            reach = farthest_plain(len(values), 1) * float(np.hypot(_robust_sd(values), each.u[number]))
+            if abs(each.value[number] - np.median(values)) > reach:
+                found.add(each.name)
+    return found
 
 
 def _middle(fleet: Fleet) -> Mapping[str, float]:

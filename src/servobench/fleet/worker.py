@@ -13,6 +13,8 @@ from servobench.fleet.row import CRASHED, UNUSABLE, Row, failed_row, result_row
 from servobench.fleet.settings import Settings
 from servobench.fleet.source import Item, Source
 
+_SENTENCES = 4  # of an explanation: the differences and the most likely cause
+
 
 def identify_item(source: Source, settings: Settings, item: Item, columns: Mapping[str, str]) -> Row:
     """Return the row of a recording, with the CPU time that it took [s]; what goes wrong with it is its reason."""
@@ -37,11 +39,10 @@ def identify_item(source: Source, settings: Settings, item: Item, columns: Mappi
 def write_report(
     source: Source, settings: Settings, item: Item, middle: Mapping[str, float], page: Path, command: str
 ) -> tuple[str, ...]:
-    """Write the report of a recording, unless it is there, and return in sentences why it differs from the fleet.
+    """Write the report of a recording, unless it is there, and return in sentences why it differs from `middle`.
 
-    `middle` are the fleet's gain and time constant.
-
-    The causes are those of `why`; none where the data can't be used, or tell nothing of these parameters.
+    `middle` are the fleet's gain, time constant, both or neither. The sentences are those of `why`; none where there is
+    nothing to explain, or the data don't tell these parameters.
     """
     from servobench.identification.reconciliation.reconcile import explain
     from servobench.report.document import Report
@@ -50,10 +51,10 @@ def write_report(
         evidence, result = settings.identify(path)
     if not page.exists():
         Report([part.recording for part in evidence], result, command=command).write(page)
-    if result.fit is None or not set(middle) <= set(result.fit.model.names):
+    if not middle or result.fit is None or not set(middle) <= set(result.fit.model.names):
         return ()
     try:
-        return explain(result, middle).sentences
+        return explain(result, middle).sentences[:_SENTENCES]
     except (ServobenchError, ArithmeticError, LinAlgError) as error:
         # Such as data without any noise, which leave a matrix of uncertainties without an inverse.
         return (f"Nothing can be said of the cause: {error}.",)
