@@ -28,12 +28,12 @@ def cluster() -> Iterator[Any]:
 
 
 def test_a_killed_worker_changes_no_row(cluster: Any, tmp_path: Path) -> None:
-    names = write_fleet(tmp_path / "stand", 24)
+    names = write_fleet(tmp_path / "stand", 12)
     identify_fleet(tmp_path / "stand", tmp_path / "here", settings=SETTINGS, workers=2)
     killed = []
 
     def kill_one(now: Progress) -> None:
-        if now.done == 12:
+        if now.done == 4:
             killed.append(cluster.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 

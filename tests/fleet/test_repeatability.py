@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from servobench.core.errors import UsageError
-from servobench.fleet.repeatability import crossed_values, gauge_study
+from servobench.fleet.repeatability import gauge_study, study_values
 
 # AIAG, Measurement Systems Analysis, 3rd and 4th edition, chapter III: three appraisers, three trials, ten parts.
 AIAG = np.array([
@@ -96,7 +96,7 @@ def test_a_study_without_repetition_is_told(shape: tuple[int, ...]) -> None:
 
 
 def test_values_are_ordered_by_part_operator_and_trial() -> None:
-    y = crossed_values(
+    y = study_values(
         [8.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], list("baaaabbb"), list("BAABBAAB"), list("21221211")
     )
 
@@ -105,4 +105,4 @@ def test_values_are_ordered_by_part_operator_and_trial() -> None:
 
 def test_a_missing_trial_is_named() -> None:
     with pytest.raises(UsageError, match="part b by B has 1 usable trials where others have 2"):
-        crossed_values([1.0] * 7, list("aaaabbb"), list("AABBAAB"), list("1212121"))
+        study_values([1.0] * 7, list("aaaabbb"), list("AABBAAB"), list("1212121"))

@@ -9,7 +9,7 @@ import pytest
 from servobench.core.errors import UsageError
 from servobench.fleet.identification import identify_fleet
 from servobench.fleet.name_pattern import NamePattern
-from servobench.fleet.source import Item, listing, source_at
+from servobench.fleet.source import Item, list_items, source_at
 from tests.fleet.motors import SETTINGS, comparable, write_fleet
 
 fsspec = pytest.importorskip("fsspec")
@@ -26,7 +26,7 @@ def memory() -> str:
 
 def test_a_store_is_listed_and_fetched(memory: str) -> None:
     source = source_at(memory)
-    found = listing(source, None)
+    found = list_items(source, None)
 
     assert [item.name for item in found.items] == ["a/1.csv", "b/2.csv"]
     assert found.others == ("b/notes.md",)
@@ -37,10 +37,10 @@ def test_a_store_is_listed_and_fetched(memory: str) -> None:
 
 def test_a_file_of_a_store_that_changes_has_another_stamp(memory: str) -> None:
     source = source_at(memory)
-    before = listing(source, None).items[0]
+    before = list_items(source, None).items[0]
     fsspec.filesystem("memory").pipe("/stand/a/1.csv", b"more than before")
 
-    assert listing(source, None).items[0].stamp != before.stamp
+    assert list_items(source, None).items[0].stamp != before.stamp
 
 
 def test_rows_from_an_archive_are_those_from_its_folder(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_rows_from_an_archive_are_those_from_its_folder(tmp_path: Path) -> None:
 )
 def test_an_address_that_leads_nowhere_is_told(address: str, because: str) -> None:
     with pytest.raises(UsageError, match=because):
-        listing(source_at(address), None)
+        list_items(source_at(address), None)
 
 
 def test_a_file_that_is_gone_is_told(memory: str) -> None:
@@ -86,7 +86,7 @@ def test_hidden_files_and_folders_are_left_alone(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(io.BytesIO(b"t,u\n").read())
 
-    found = listing(source_at(tmp_path, without=tmp_path / "out"), None)
+    found = list_items(source_at(tmp_path, without=tmp_path / "out"), None)
     assert [item.name for item in found.items] == ["a.csv"]
 
 
@@ -96,7 +96,7 @@ def test_a_name_of_strange_bytes_is_read(tmp_path: Path) -> None:
     except (OSError, UnicodeError):
         pytest.skip("this file system has no such names")
     source = source_at(tmp_path)
-    (item,) = listing(source, NamePattern("{serial}.csv")).items
+    (item,) = list_items(source, NamePattern("{serial}.csv")).items
 
     assert item.text == r"m\xff.csv"
     with source.local(item) as path:

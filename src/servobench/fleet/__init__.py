@@ -4,5 +4,5 @@
 a result as a row, `worker` and `pool` do that in processes that may die, `parts` keeps the rows, and `identification` puts
 these together. `limits` and `decision` say pass, fail or undecided, `outliers` finds the odd motors, `table`, `figures` and
 `page` are what people open, `repeatability` judges the test stand, and `watch` takes files as they come. It uses `report`,
-`identification`, `recordings`, `rig` and `core`.
+`identification`, `recordings` and `core`.
 """

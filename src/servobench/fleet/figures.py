@@ -83,7 +83,7 @@ def distribution(fleet: Fleet, parameter: Parameter) -> Illustration:
     """Return how a parameter is spread over the motors, with its limits."""
     values = parameter.value[np.isfinite(parameter.value)]
     ends = _limits(fleet, parameter)
-    low, high = _shown_range(values, ends)
+    low, high = _axis_range(values, ends)
     beyond = int(((values < low) | (values > high)).sum())
     name = parameter_in_words(parameter.name, parameter.unit)
     middle = with_unit(float(np.median(values)), parameter.unit)
@@ -139,7 +139,7 @@ def _limits(fleet: Fleet, parameter: Parameter) -> tuple[float, ...]:
     return tuple(end for end in ends if math.isfinite(end))
 
 
-def _shown_range(values: Array, ends: Sequence[float]) -> tuple[float, float]:
+def _axis_range(values: Array, ends: Sequence[float]) -> tuple[float, float]:
     lower, middle, upper = np.quantile(values, (0.25, 0.5, 0.75))
     reach = _FENCE * max(float(upper - lower), 1e-6 * abs(float(middle)), 1e-300)
     low, high = max(float(values.min()), middle - reach), min(float(values.max()), middle + reach)

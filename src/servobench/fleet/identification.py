@@ -15,9 +15,9 @@ from servobench.core.errors import UsageError
 from servobench.fleet.name_pattern import NamePattern
 from servobench.fleet.parts import Results
 from servobench.fleet.pool import Cluster, Died, Processes
-from servobench.fleet.row import CRASHED, Row, failed_row
+from servobench.fleet.row import CRASHED, Row, row_of_failure
 from servobench.fleet.settings import Settings
-from servobench.fleet.source import Item, Source, listing, source_at
+from servobench.fleet.source import Item, Source, list_items, source_at
 from servobench.fleet.worker import identify_item
 
 
@@ -66,7 +66,7 @@ def identify_fleet(
     names = NamePattern(pattern) if pattern is not None else None
     folder = Path(out)
     source = source_at(place, without=folder)
-    found = listing(source, names)
+    found = list_items(source, names)
     with results_of(source, folder, pattern, settings) as results:
         stamps = results.stamps()
         again = results.unfit() if retry else set()
@@ -115,7 +115,7 @@ def rows_of(
 def row_or_reason(item: Item, pattern: NamePattern | None, found: Row | Died) -> Row:
     """Return a row, or that of a recording whose process died."""
     return (
-        failed_row(item, columns_in(pattern, item), CRASHED, found.reason)
+        row_of_failure(item, columns_in(pattern, item), CRASHED, found.reason)
         if isinstance(found, Died)
         else found
     )

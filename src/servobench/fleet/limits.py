@@ -117,7 +117,7 @@ class Limits:
             return Judgement(decision=Decision.UNDECIDED, decided_by=f"{verdict}: {row['reason']}")
         outside, open_, outside_chance, inside_chance = [], [], 0.0, 1.0
         for limit in self.limits:
-            measured = _measured(row, limit.parameter)
+            measured = _value_of(row, limit.parameter)
             if measured is None:
                 open_.append(f"{limit.parameter} isn't known")
                 continue
@@ -142,7 +142,7 @@ class Limits:
         return Judgement(decision=Decision.PASS, decided_by="", consumer_risk=min(1.0, outside_chance))
 
 
-def _measured(row: Row, name: str) -> Measured | None:
+def _value_of(row: Row, name: str) -> Measured | None:
     if row.get(f"{name}_state") != "known" or any(
         row.get(each) is None for each in (name, f"{name}_low", f"{name}_high")
     ):

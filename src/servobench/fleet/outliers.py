@@ -31,7 +31,7 @@ def distances(x: Array, u: Array) -> Array:
     if not used.any():
         return found
     x, u = x[:, used] / scale[used], u[:, used] / scale[used]
-    middle, covariance = _reweighted(x, *_ogk(x))
+    middle, covariance = _reweight(x, *_ogk(x))
     beyond = np.maximum(u**2 - np.median(u**2, axis=0), 0.0)
     each = covariance + beyond[:, :, None] * np.eye(x.shape[1])
     offset = x - middle
@@ -67,7 +67,7 @@ def _ogk(x: Array) -> tuple[Array, Array]:
     return middle, covariance
 
 
-def _reweighted(x: Array, middle: Array, covariance: Array) -> tuple[Array, Array]:
+def _reweight(x: Array, middle: Array, covariance: Array) -> tuple[Array, Array]:
     """Middle and covariance of the nearest nine tenths by a first estimate, scaled so that the median of d² is that of χ²."""
     from scipy.stats import chi2
 

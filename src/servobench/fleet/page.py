@@ -113,7 +113,7 @@ def worst_motors(
     source = source_at(place, without=folder)
     middle = _middle(fleet)
     found = []
-    for number in _ranked(fleet)[:WORST]:
+    for number in _worst_first(fleet)[:WORST]:
         file = fleet.files[number]
         item = Item(file, fleet.stamps[number])
         page = reports / _page_name(item)
@@ -237,7 +237,7 @@ def _outlier_text(fleet: Fleet) -> str:
     )
 
 
-def _ranked(fleet: Fleet) -> list[int]:
+def _worst_first(fleet: Fleet) -> list[int]:
     """The motors with a result, those that fail first, the farthest first."""
     usable = [number for number, outcome in enumerate(fleet.outcomes) if outcome == IDENTIFIED]
     distance = np.nan_to_num(fleet.distance, nan=0.0)

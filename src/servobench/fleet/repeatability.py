@@ -187,7 +187,7 @@ def _categories(part: float, gauge: float) -> int:
     return max(1, int(_CATEGORIES * math.sqrt(part / gauge)))
 
 
-def crossed_values(
+def study_values(
     values: Sequence[float], parts: Sequence[str], operators: Sequence[str], trials: Sequence[str]
 ) -> Array:
     """Return measured values as an array (N, O, K) of parts, operators and trials, each part measured equally often by each

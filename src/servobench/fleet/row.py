@@ -23,7 +23,7 @@ LISTS = frozenset({"findings", "sentences"})
 COUNTS = frozenset({"samples"})
 
 
-def failed_row(item: Item, columns: Mapping[str, str], outcome: str, reason: str) -> Row:
+def row_of_failure(item: Item, columns: Mapping[str, str], outcome: str, reason: str) -> Row:
     """Return the row of a file that has no result."""
     return {
         "file": item.text,

@@ -176,7 +176,7 @@ class Listing:
     """What isn't called like one."""
 
 
-def listing(source: Source, pattern: NamePattern | None) -> Listing:
+def list_items(source: Source, pattern: NamePattern | None) -> Listing:
     """Return the recordings of a source: files that match the pattern or, without one, have the ending of a format.
 
     Raises `UsageError` where there are none.

@@ -106,7 +106,7 @@ def fleet_in(folder: Path, limits: Limits | None = None) -> Fleet:
             column.append(row.get(name, ""))
         findings.update(set(row.get("findings", ())))
         seconds += row.get("cpu_seconds", 0.0)
-        for name in _known_in(row):
+        for name in _parameters_in(row):
             known.setdefault(name, {})[number] = (
                 row[name], row[f"{name}_low"], row[f"{name}_high"], row[f"{name}_unit"],
             )  # fmt: skip
@@ -149,7 +149,7 @@ def _text_columns(folder: Path) -> tuple[str, ...]:
     return NamePattern(pattern).names if pattern else ()
 
 
-def _known_in(row: Row) -> list[str]:
+def _parameters_in(row: Row) -> list[str]:
     """The parameters that a row knows."""
     names = [
         name.removesuffix("_state")
@@ -191,7 +191,7 @@ def write_tables(folder: Path, fleet: Fleet) -> tuple[Path, Path]:
         ):
             out = csv.writer(file)
             out.writerow(plain)
-            for rows in _decided_rows(folder, fleet):
+            for rows in _rows_with_decisions(folder, fleet):
                 writer.write_table(pa.Table.from_pylist(rows, schema=schema))
                 out.writerows([_cell(row.get(name)) for name in plain] for row in rows)
         for part, path in zip(beside, (table, sheet), strict=True):
@@ -201,7 +201,7 @@ def write_tables(folder: Path, fleet: Fleet) -> tuple[Path, Path]:
     return table, sheet
 
 
-def _decided_rows(folder: Path, fleet: Fleet) -> Iterator[list[Row]]:
+def _rows_with_decisions(folder: Path, fleet: Fleet) -> Iterator[list[Row]]:
     """The rows of each part with what is known only of all together."""
     number = 0
     outlying = fleet.outlying

@@ -9,7 +9,7 @@ from pathlib import Path
 from numpy.linalg import LinAlgError
 
 from servobench.core.errors import MissingInformation, ServobenchError
-from servobench.fleet.row import CRASHED, UNUSABLE, Row, failed_row, result_row
+from servobench.fleet.row import CRASHED, UNUSABLE, Row, result_row, row_of_failure
 from servobench.fleet.settings import Settings
 from servobench.fleet.source import Item, Source
 
@@ -23,16 +23,16 @@ def identify_item(source: Source, settings: Settings, item: Item, columns: Mappi
         with source.local(item) as path:
             row = result_row(item, columns, settings.identify(path)[1])
     except MissingInformation as error:
-        row = failed_row(item, columns, UNUSABLE, "; ".join(error.missing))
+        row = row_of_failure(item, columns, UNUSABLE, "; ".join(error.missing))
     except ServobenchError as error:
-        row = failed_row(item, columns, UNUSABLE, " ".join(str(error).split()))
+        row = row_of_failure(item, columns, UNUSABLE, " ".join(str(error).split()))
     except OSError as error:
-        row = failed_row(item, columns, UNUSABLE, f"it can't be read: {error.strerror or error}")
+        row = row_of_failure(item, columns, UNUSABLE, f"it can't be read: {error.strerror or error}")
     except MemoryError:
-        row = failed_row(item, columns, CRASHED, "there isn't enough memory for it")
+        row = row_of_failure(item, columns, CRASHED, "there isn't enough memory for it")
     except (Exception, SystemExit) as error:  # one file must not end a run of thousands
         told = (str(error).splitlines() or ["no more is said"])[0]
-        row = failed_row(item, columns, CRASHED, f"a fault of servobench: {type(error).__name__}: {told}")
+        row = row_of_failure(item, columns, CRASHED, f"a fault of servobench: {type(error).__name__}: {told}")
     return row | {"cpu_seconds": time.process_time() - began}
 
 

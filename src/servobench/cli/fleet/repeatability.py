@@ -54,7 +54,7 @@ def repeatability(
     from servobench.cli.terminal import messages, output, print_json
     from servobench.core.errors import UnknownName
     from servobench.fleet.limits import Limits
-    from servobench.fleet.repeatability import crossed_values, gauge_study
+    from servobench.fleet.repeatability import gauge_study, study_values
     from servobench.fleet.table import fleet_in
 
     fleet = fleet_in(results, Limits.read(limits) if limits is not None else None)
@@ -67,7 +67,7 @@ def repeatability(
         used = [number for number, value in enumerate(values) if math.isfinite(value)]
         columns = [_column(fleet, column, used) for column in (part, operator, trial)]
         trials = columns[2] if trial else [fleet.files[number] for number in used]
-        y = crossed_values([float(values[number]) for number in used], columns[0], columns[1], trials)
+        y = study_values([float(values[number]) for number in used], columns[0], columns[1], trials)
         studies[name] = gauge_study(y, _tolerance(fleet, known[name]))
     console = messages() if as_json else output()
     for name, study in studies.items():
