@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from servobench.core.channels import Array
@@ -9,6 +11,9 @@ from servobench.core.channels import Array
 _MAD = 1.482602218505602  # standard deviations of a normal distribution in a median absolute deviation
 _ONE_IN = 100  # fleets without an odd motor that show one
 _NEAR = 0.9  # of the motors, from which the second estimate is made
+_MANY = 300  # motors, of which the estimate is nearly that of infinitely many
+_FLEETS = 1000
+_FOR_EACH = 10  # motors for each parameter, of which a covariance can be estimated
 _FEWEST = 8  # motors; of fewer nothing can be said
 
 
@@ -19,7 +24,8 @@ def distances(x: Array, u: Array) -> Array:
     where there are fewer than 8 without, or no scatter. Middle and covariance are the orthogonalised Gnanadesikan-Kettenring
     estimate with median and MAD, reweighted once, which bears up to half of the motors being odd and needs no random numbers. A
     motor that is known less well than half of the others may be further away by that. Source: R. A. Maronna, R. H. Zamar,
-    Technometrics 44 (2002) 307.
+    Technometrics 44 (2002) 307. Of fewer than ten motors for each parameter no covariance can be estimated: the distance is then
+    that of the parameter which is furthest from its median.
     """
     found = np.full(len(x), np.nan)
     whole = np.isfinite(x).all(axis=1)
@@ -31,22 +37,33 @@ def distances(x: Array, u: Array) -> Array:
     if not used.any():
         return found
     x, u = x[:, used] / scale[used], u[:, used] / scale[used]
-    middle, covariance = _reweight(x, *_ogk(x))
     beyond = np.maximum(u**2 - np.median(u**2, axis=0), 0.0)
+    if len(x) < _FOR_EACH * x.shape[1]:
+        found[whole] = (np.abs(x - np.median(x, axis=0)) / np.sqrt(1.0 + beyond)).max(axis=1)
+        return found
+    middle, covariance = _reweight(x, *_ogk(x))
     each = covariance + beyond[:, :, None] * np.eye(x.shape[1])
     offset = x - middle
     found[whole] = np.sqrt(np.einsum("ni,ni->n", offset, np.linalg.solve(each, offset[:, :, None])[:, :, 0]))
     return found
 
 
+@cache
 def farthest_plain(count: int, parameters: int) -> float:
     """Return the distance that of `count` motors without an odd one the farthest exceeds in one fleet of a hundred.
 
-    The root of the χ² quantile at 1 - 0.01/count, for normal parameters.
+    For normal parameters: above 300 motors the root of the χ² quantile at 1 - 0.01/count; for fewer, whose covariance is itself
+    hardly known, the 99 % quantile of the farthest of 1000 simulated fleets, always the same ones.
     """
     from scipy.stats import chi2
 
-    return float(np.sqrt(chi2.isf(1 / _ONE_IN / max(count, 1), max(parameters, 1))))
+    count, parameters = max(count, 1), max(parameters, 1)
+    if count > _MANY or count < _FEWEST:
+        return float(np.sqrt(chi2.isf(1 / _ONE_IN / count, parameters)))
+    random = np.random.default_rng(count)
+    none = np.zeros((count, parameters))
+    farthest = [distances(random.normal(size=none.shape), none).max() for _ in range(_FLEETS)]
+    return float(np.quantile(farthest, 1 - 1 / _ONE_IN))
 
 
 def _ogk(x: Array) -> tuple[Array, Array]:
