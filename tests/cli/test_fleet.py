@@ -101,7 +101,7 @@ def test_limits_decide_and_other_limits_identify_nothing(
     assert valid(failed.out, "fleet-1")["decisions"] == {"pass": 9, "fail": 1}
     assert valid(passed.out, "fleet-1")["rule"] == "ilac-g8"
     assert valid(undecided.out, "fleet-1")["decisions"] == {"undecided": 10}
-    assert "0 files identified, 10 before" in failed.err
+    assert "0 files done, 10 before" in failed.err
     assert sorted(path.name for path in (results / "parts").iterdir()) == before
 
 
@@ -206,7 +206,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path) -> None
 
     assert process.returncode == 130, err
     assert "the same command goes on with the others" in err
-    assert f"{len(names) - kept} files identified, {kept} before" in again.stdout
+    assert f"{len(names) - kept} files done, {kept} before" in again.stdout
     assert sorted(comparable(tmp_path / "out")) == names
 
 

@@ -136,6 +136,24 @@ def test_a_source_that_isn_t_there_is_told(tmp_path: Path) -> None:
         identify_fleet(tmp_path / "nowhere", tmp_path / "out")
 
 
+@pytest.mark.parametrize(
+    ("options", "because"),
+    [
+        ({"chain": "foo | bar"}, "no stage called 'foo'"),
+        ({"mapping": "nowhere.toml"}, "nowhere.toml can't be read"),
+        ({"inputs": "u:V"}, "no option called 'inputs'"),
+    ],
+)
+def test_what_is_wrong_for_every_file_is_told_before_the_first(
+    options: dict[str, str], because: str, tmp_path: Path
+) -> None:
+    write_fleet(tmp_path / "stand", 1)
+
+    with pytest.raises(UsageError, match=because):
+        identify_fleet(tmp_path / "stand", tmp_path / "out", settings=Settings(options=options))
+    assert not (tmp_path / "out").exists()
+
+
 def test_several_stated_inputs_are_refused() -> None:
     with pytest.raises(UsageError, match="is given 2 times"):
         Settings(options={"input_value": ["1:V", "2:V"]})

@@ -79,12 +79,31 @@ def test_a_part_that_can_t_be_written_leaves_nothing_behind(
 
 
 def test_other_settings_are_refused_and_named(tmp_path: Path) -> None:
-    with Results(tmp_path / "out", SETTINGS):
-        pass
+    with Results(tmp_path / "out", SETTINGS) as results:
+        results.add(row("a"))
     with pytest.raises(UsageError, match="structure was auto and is now first_order"):
         Results(tmp_path / "out", {**SETTINGS, "structure": "first_order"}).__enter__()
-    with Results(tmp_path / "out", SETTINGS):
-        pass
+    with Results(tmp_path / "out", SETTINGS) as results:
+        assert results.stamps() == {"a": "1-1"}
+
+
+def test_settings_that_gave_no_result_at_all_are_put_right(tmp_path: Path) -> None:
+    with Results(tmp_path / "out", SETTINGS) as results:
+        results.add(row("a", outcome="unusable"))
+    right = {**SETTINGS, "structure": "first_order"}
+    with Results(tmp_path / "out", right) as results:
+        assert results.stamps() == {}
+    with Results(tmp_path / "out", right) as results:
+        results.add(row("a"))
+    with pytest.raises(UsageError, match="holds results of other settings"):
+        Results(tmp_path / "out", SETTINGS).__enter__()
+
+
+def test_a_place_that_can_t_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+
+    with pytest.raises(StorageError, match="can't be written"):
+        Results(tmp_path / "file" / "out", SETTINGS).__enter__()
 
 
 def test_two_commands_don_t_write_into_one_folder(tmp_path: Path) -> None:

@@ -83,6 +83,7 @@ def identify_fleet(
 def results_of(source: Source, folder: Path, pattern: str | None, settings: Settings) -> Results:
     """Return the folder of the results, which is taken where its context is entered; raises what `identify_fleet` does."""
     _check_apart(source, folder)
+    settings.check()
     return Results(folder, {"source": source.address, "pattern": pattern, **settings.to_dict()})
 
 

@@ -144,18 +144,24 @@ class Results:
             self._lock.close()
             self._lock = None
 
+    def _is_of_use(self) -> bool:
+        """Whether any row has a result: where none has, the settings were wrong, and may be put right."""
+        return any("identified" in read_columns(path, ("outcome",))[0] for path in part_files(self.folder))
+
     def _check_settings(self) -> None:
         path = self.folder / "settings.json"
-        before = settings_in(self.folder) if path.exists() else None
-        if before is None:
-            write_whole(path, json.dumps(self._settings, indent=1, ensure_ascii=False).encode("utf-8"))
+        before = settings_in(self.folder) if path.exists() else {}
+        if before == self._settings:
             return
-        if before != self._settings:
+        if self._is_of_use():
             changed = _differences(before, self._settings)
             raise UsageError(
                 f"`out={self.folder}`: holds results of other settings ({'; '.join(changed)}). Rows of both in one table "
                 "couldn't be compared: give a new folder, or the same settings"
             )
+        for part in part_files(self.folder):
+            part.unlink()
+        write_whole(path, json.dumps(self._settings, indent=1, ensure_ascii=False).encode("utf-8"))
 
 
 def settings_in(folder: Path) -> dict[str, Any]:

@@ -63,6 +63,13 @@ class Settings:
         )
         return evidence, result
 
+    def check(self) -> None:
+        """Raise `UsageError` for what is wrong whatever the files are: an option, the mapping file, the chain."""
+        from servobench.recordings.measurement.base import Chain
+        from servobench.recordings.reading import mapping_of
+
+        Chain.parse(mapping_of(**self.options).chain)
+
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain data: of the mapping file its text; raises `UsageError` where that can't be read."""
         said = {name: value for name, value in self.options.items() if value is not None}

@@ -50,7 +50,7 @@ def show_fleet(console: Console, fleet: Fleet, summary: Summary, out: Path) -> N
         count_text(summary.identified, "file"),
         f", {summary.before} before" if summary.before else "",
     )
-    say(console, f"{now} identified{before}: {outcome_text(fleet)}")
+    say(console, f"{now} done{before}: {outcome_text(fleet)}")
     if summary.others:
         few = ", ".join(summary.others[:3])
         more = f" and {len(summary.others) - 3} more" if len(summary.others) > 3 else ""
