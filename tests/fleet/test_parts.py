@@ -36,17 +36,33 @@ def test_a_part_is_written_when_the_first_row_has_waited(tmp_path: Path) -> None
     assert counts == [0, 0, 1]  # the first has waited for 0, 2 and 5 s
 
 
-def test_rows_are_removed_from_their_parts_only(tmp_path: Path) -> None:
+def test_small_parts_are_filled_before_another_is_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parts, "_MOST_ROWS", 3)
     with Results(tmp_path / "out", SETTINGS) as results:
-        for names in ("ab", "c", "de"):
-            for name in names:
-                results.add(row(name))
-            results.flush()
-        results.remove({"a", "c"})
+        for name in "abcde":
+            results.replace(row(name), has_one=False)
+        results.replace(row("b", gain=2.0), has_one=True)
 
-    assert [each["file"] for each in rows_in(tmp_path / "out")] == ["b", "d", "e"]
+    assert [each["file"] for each in rows_in(tmp_path / "out")] == ["a", "c", "d", "e", "b"]
     assert [path.name for path in part_files(tmp_path / "out")] == [
         "part-000001.parquet",
+        "part-000002.parquet",
+    ]
+
+
+def test_rows_are_removed_from_their_parts_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts, "_MOST_ROWS", 2)
+    with Results(tmp_path / "out", SETTINGS) as results:
+        for name in "abcde":
+            results.add(row(name))
+        results.flush()
+        results.remove({"a", "b", "c"})
+
+    assert [each["file"] for each in rows_in(tmp_path / "out")] == ["d", "e"]
+    assert [path.name for path in part_files(tmp_path / "out")] == [
+        "part-000002.parquet",
         "part-000003.parquet",
     ]
 
@@ -54,12 +70,16 @@ def test_rows_are_removed_from_their_parts_only(tmp_path: Path) -> None:
 def test_what_was_left_unfinished_is_no_part_and_goes(tmp_path: Path) -> None:
     with Results(tmp_path / "out", SETTINGS) as results:
         results.add(row("a"))
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "settings.json.unfinished").write_text("{", encoding="utf-8")
     torn = tmp_path / "out" / "parts" / "part-000002.parquet.unfinished"
     torn.write_bytes(b"PAR1")
 
     assert [each["file"] for each in rows_in(tmp_path / "out")] == ["a"]
     with Results(tmp_path / "out", SETTINGS):
         assert not torn.exists()
+    with Results(tmp_path / "new", SETTINGS):
+        pass
 
 
 def test_a_part_that_can_t_be_written_leaves_nothing_behind(

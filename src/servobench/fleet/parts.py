@@ -104,9 +104,10 @@ class Results:
         if len(self._rows) >= _MOST_ROWS or now - self._oldest >= _LONGEST:
             self.flush()
 
-    def replace(self, row: Row) -> None:
-        """Take a row in the place of an earlier one of its file, and write it at once."""
-        self.remove([row["file"]])
+    def replace(self, row: Row, has_one: bool) -> None:
+        """Take a row, in the place of an earlier one of its file if that `has_one`, and write it at once."""
+        if has_one:
+            self.remove([row["file"]])
         self._rows.append(row)
         self.flush()
 
@@ -116,17 +117,19 @@ class Results:
         return not part_files(self.folder)
 
     def flush(self) -> None:
-        """Write the rows that aren't written yet, as a part."""
+        """Write the rows that aren't written yet: into the last part while that is small, otherwise into a new one."""
         if self._rows:
-            numbers = [
-                int(found[1]) for path in part_files(self.folder) if (found := _PART.fullmatch(path.name))
-            ]
-            _write(self.folder / "parts" / f"part-{max(numbers, default=0) + 1:06}.parquet", self._rows)
+            last = next(reversed(part_files(self.folder)), None)
+            before = read_rows(last) if last is not None and _row_count(last) < _MOST_ROWS else []
+            number = int(last.stem[-6:]) if last is not None else 0
+            path = self.folder / "parts" / f"part-{number + (not before):06}.parquet"
+            _write(path, before + self._rows)
         self._rows = []
 
     def _check_content(self) -> None:
         if not (self.folder / "settings.json").exists() and any(
-            path.name not in (".lock", "parts") for path in self.folder.iterdir()
+            path.name not in (".lock", "parts", f"settings.json{_UNFINISHED}")
+            for path in self.folder.iterdir()
         ):
             raise UsageError(
                 f"`out={self.folder}`: holds something else than results of a fleet; give a new folder"
@@ -195,6 +198,13 @@ def read_rows(path: Path) -> list[Row]:
     """Return the rows of a part, each without the columns that it leaves empty; raises `FormatError` where it can't be read."""
     rows = _table(path, None).to_pylist()
     return [{name: value for name, value in row.items() if value is not None} for row in rows]
+
+
+def _row_count(path: Path) -> int:
+    from servobench.recordings.formats.arrow_table import pyarrow
+
+    count: int = pyarrow("pyarrow.parquet", path.name).read_metadata(path).num_rows
+    return count
 
 
 def read_columns(path: Path, names: Iterable[str]) -> list[list[Any]]:

@@ -104,15 +104,20 @@ def _follow(
     from servobench.fleet.pool import Processes
     from servobench.fleet.watch import LOOK, Arrivals
 
-    arrivals = Arrivals(source, pattern, results.stamps())
+    done = results.stamps()
+    arrivals = Arrivals(source, pattern, dict(done))
     with Processes(partial(identify, source, settings, pattern), workers or processors()) as pool:
         say(console, f"watching {source.address}; Ctrl-C ends it")
         while True:
-            for item, found in pool.results(arrivals.look(time.monotonic())):
+            began = time.monotonic()
+            whole = arrivals.look(began)
+            took = time.monotonic() - began
+            for item, found in pool.results(whole):
                 row = row_or_reason(item, pattern, found)
-                results.replace(row)
+                results.replace(row, row["file"] in done)
+                done[row["file"]] = row["stamp"]
                 say(console, _line(row, limits))
-            time.sleep(LOOK)
+            time.sleep(max(LOOK, took))  # a folder of many files is looked at less often
 
 
 def _line(row: Row, limits: Limits | None) -> str:
