@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from servobench.core.errors import UsageError
 from servobench.fleet.identification import Progress, identify_fleet
 from servobench.fleet.pool import Cluster, Died
 from tests.fleet.motors import SETTINGS, comparable, write_fleet
@@ -52,3 +53,14 @@ def test_what_kills_worker_after_worker_is_one_row(cluster: Any) -> None:
 
     assert isinstance(found.pop(13), Died)
     assert found == {number: 2 * number for number in (10, 11, 12, 14, 15, 16, 17)}
+
+
+def test_a_cluster_without_workers_is_told(tmp_path: Path) -> None:
+    write_fleet(tmp_path / "stand", 1)
+    with (
+        distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None) as empty,
+        pytest.raises(UsageError, match="has no workers"),
+    ):
+        identify_fleet(
+            tmp_path / "stand", tmp_path / "out", settings=SETTINGS, scheduler=empty.scheduler_address
+        )

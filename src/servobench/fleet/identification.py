@@ -145,7 +145,11 @@ def pool_of(work: Callable[[Any], Any], count: int, scheduler: str | None) -> It
         ) from error
     with client:
         threads = sum(client.nthreads().values())
-        yield Cluster(work, client.get_executor(pure=False), ahead=4 * max(1, threads))
+        if not threads:
+            raise UsageError(
+                f"`scheduler={scheduler}`: has no workers; start some with `dask worker ADDRESS`"
+            )
+        yield Cluster(work, client.get_executor(pure=False), ahead=4 * threads)
 
 
 def processors() -> int:
