@@ -193,21 +193,29 @@ def test_a_stand_s_repeatability_is_told(servobench: Command, tmp_path: Path) ->
     assert "no column called 'shift'" in unknown.err
 
 
-def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path) -> None:
-    names = write_fleet(tmp_path / "stand", 40)
-    words = [sys.executable, "-m", "servobench", "fleet", "stand", "--out", "out", *COLUMNS, *WORKERS]
-    process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not list((tmp_path / "out" / "parts").glob("part-*.parquet")) and process.poll() is None:
+def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(servobench: Command, tmp_path: Path) -> None:
+    stand, out = tmp_path / "stand", tmp_path / "out"
+    names = write_fleet(stand, 20)
+    words = ["fleet", str(stand), "--out", str(out), *COLUMNS, *WORKERS]
+    lines = (
+        "import sys",
+        "from servobench.cli import main",
+        "from servobench.fleet import parts",
+        "parts._LONGEST = 0.0",
+    )
+    program = "\n".join((*lines, "sys.exit(main())"))
+    process = subprocess.Popen([sys.executable, "-c", program, *words], stderr=subprocess.PIPE, text=True)
+    while not list((out / "parts").glob("part-*.parquet")) and process.poll() is None:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=120)
-    kept = len(comparable(tmp_path / "out"))
-    again = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    kept = len(comparable(out))
+    again = servobench(*words)
 
     assert process.returncode == 130, err
     assert "the same command goes on with the others" in err
-    assert f"{len(names) - kept} files done, {kept} before" in again.stdout
-    assert sorted(comparable(tmp_path / "out")) == names
+    assert f"{len(names) - kept} files done, {kept} before" in again.out
+    assert sorted(comparable(out)) == names
 
 
 def test_a_folder_is_watched(tmp_path: Path) -> None:
