@@ -45,7 +45,8 @@ def test_a_file_of_a_store_that_changes_has_another_stamp(memory: str) -> None:
 
 def test_rows_from_an_archive_are_those_from_its_folder(tmp_path: Path) -> None:
     """An archive is a store that worker processes can open, as they can one on a network."""
-    names = write_fleet(tmp_path / "stand", 3)
+    names = sorted([*write_fleet(tmp_path / "stand", 2), "torn.csv"])
+    (tmp_path / "stand" / "torn.csv").touch()
     archive = tmp_path / "stand.zip"
     with zipfile.ZipFile(archive, "w") as file:
         for name in names:
@@ -57,6 +58,7 @@ def test_rows_from_an_archive_are_those_from_its_folder(tmp_path: Path) -> None:
         del each["stamp"]
 
     assert rows[0] == rows[1]
+    assert rows[1]["torn.csv"]["reason"] == "torn.csv is empty"
     assert sorted(rows[1]) == names
 
 

@@ -19,20 +19,26 @@ _SENTENCES = 4  # of an explanation: the differences and the most likely cause
 def identify_item(source: Source, settings: Settings, item: Item, columns: Mapping[str, str]) -> Row:
     """Return the row of a recording, with the CPU time that it took [s]; what goes wrong with it is its reason."""
     began = time.process_time()
+    outcome, reason, copy = UNUSABLE, "", ""
+    row: Row | None = None
     try:
         with source.local(item) as path:
+            copy = str(path)
             row = result_row(item, columns, settings.identify(path)[1])
     except MissingInformation as error:
-        row = row_of_failure(item, columns, UNUSABLE, "; ".join(error.missing))
+        reason = "; ".join(error.missing)
     except ServobenchError as error:
-        row = row_of_failure(item, columns, UNUSABLE, " ".join(str(error).split()))
+        reason = " ".join(str(error).split())
     except OSError as error:
-        row = row_of_failure(item, columns, UNUSABLE, f"it can't be read: {error.strerror or error}")
+        reason = f"it can't be read: {error.strerror or error}"
     except MemoryError:
-        row = row_of_failure(item, columns, CRASHED, "there isn't enough memory for it")
+        outcome, reason = CRASHED, "there isn't enough memory for it"
     except (Exception, SystemExit) as error:  # one file must not end a run of thousands
         told = (str(error).splitlines() or ["no more is said"])[0]
-        row = row_of_failure(item, columns, CRASHED, f"a fault of servobench: {type(error).__name__}: {told}")
+        outcome, reason = CRASHED, f"a fault of servobench: {type(error).__name__}: {told}"
+    if row is None:
+        # A message names the file where it was read, which for a store is a folder that is gone.
+        row = row_of_failure(item, columns, outcome, reason.replace(copy, item.text) if copy else reason)
     return row | {"cpu_seconds": time.process_time() - began}
 
 

@@ -42,6 +42,7 @@ def conclude_fleet(
 
 def show_fleet(console: Console, fleet: Fleet, summary: Summary, out: Path) -> None:
     """Say in some lines what came of the files."""
+    from servobench.cli.option_names import with_options
     from servobench.cli.terminal import say
     from servobench.core.rounding import count_text
     from servobench.fleet.page import outcome_text, parameter_text
@@ -58,7 +59,7 @@ def show_fleet(console: Console, fleet: Fleet, summary: Summary, out: Path) -> N
     for parameter in fleet.parameters:
         say(console, parameter_text(fleet, parameter))
     failed = [
-        f"{file}: {reason}"
+        f"{file}: {with_options(reason)}"
         for file, outcome, reason in zip(fleet.files, fleet.outcomes, fleet.reasons, strict=True)
         if outcome != "identified"
     ]

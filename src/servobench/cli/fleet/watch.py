@@ -122,6 +122,7 @@ def _follow(
 
 def _line(row: Row, limits: Limits | None) -> str:
     """One motor in a line: the decision or the verdict, the file, gain and time constant, and why where it isn't good."""
+    from servobench.cli.option_names import with_options
     from servobench.core.parameter_names import parameter_in_words
     from servobench.core.rounding import rounded_interval
 
@@ -134,4 +135,4 @@ def _line(row: Row, limits: Limits | None) -> str:
     judged = limits.judge(row) if limits is not None else None
     first = str(judged.decision) if judged else str(row.get("verdict") or row["outcome"])
     why = judged.decided_by if judged else row["reason"]
-    return f"{first:9} {row['file']}: {', '.join([*told, *([why] if why else [])])}"
+    return f"{first:9} {row['file']}: {', '.join([*told, *([with_options(why)] if why else [])])}"
