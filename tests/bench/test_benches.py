@@ -87,8 +87,8 @@ del sys.modules["run"], sys.modules["figures"]
 
 
 HEAVY = {
-    "accuracy.py", "board.py", "panel.py", "paper_live.py", "peers/make_data.py", "peers/run.py", "population.py", "unseen.py",
-    "warm.py",
+    "accuracy.py", "board.py", "fleet.py", "panel.py", "paper_live.py", "peers/make_data.py", "peers/run.py", "population.py",
+    "unseen.py", "warm.py",
 }  # fmt: skip
 """Programs of more than two seconds at their smallest size; the parts of most have tests of their own."""
 

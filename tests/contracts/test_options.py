@@ -13,7 +13,7 @@ from servobench.cli.options import Reading
 from servobench.recordings.reading import ReadingOptions
 
 TAKE_RECORDINGS = (
-    "convert", "design", "export", "honest", "identify", "inspect", "stability", "tune", "why",
+    "convert", "design", "export", "fleet identify", "fleet watch", "honest", "identify", "inspect", "stability", "tune", "why",
 )  # fmt: skip
 IDENTIFY = tuple(name for name in TAKE_RECORDINGS if name not in ("convert", "inspect"))
 READING = tuple(f"--{field.name.replace('_', '-')}" for field in fields(Reading))

@@ -1,7 +1,7 @@
 """The command line: `servobench`, and `python -m servobench`.
 
 Each command has a file of its own, and `app` lists them. Help and version are printed from stored texts before anything else is
-imported, so they appear at once. It uses `panel`, `lab`, `report`, `export`, `identification`, `rig`, `recordings`,
+imported, so they appear at once. It uses `panel`, `lab`, `fleet`, `report`, `export`, `identification`, `rig`, `recordings`,
 `systems` and `core`; nothing uses it.
 """
 

@@ -22,6 +22,7 @@ from servobench.cli.export import export
 from servobench.cli.exports import exports
 from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, flush_output, report_failure
 from servobench.cli.faults import faults
+from servobench.cli.fleet.group import fleet
 from servobench.cli.formats import formats
 from servobench.cli.honest import honest
 from servobench.cli.identify import identify
@@ -43,7 +44,8 @@ from servobench.rig.loop.leftovers import sweep
 _DEBUG = "--debug"
 _STATUSES = (
     "Exit status: 0 a result, trusted or doubtful; 1 a fault of servobench; 2 wrong usage or a file that can't be read; "
-    "3 refused, as the data can't support a model; 4 the device failed; 5 nothing more could be written; 130 interrupted."
+    "3 refused, as the data can't support a model; 4 the device failed; 5 nothing more could be written; 6 a motor fails its "
+    "limits; 7 none fails, but some are undecided; 130 interrupted."
 )
 
 app = typer.Typer(
@@ -105,6 +107,7 @@ for command in (
     completion,
 ):
     app.command()(command)
+app.add_typer(fleet)
 app.add_typer(lab)
 
 

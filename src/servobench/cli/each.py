@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,26 +14,15 @@ from servobench.cli.failures import DONE, REFUSED, USER_MISTAKE
 from servobench.cli.option_names import with_options
 
 if TYPE_CHECKING:
-    from servobench.cli.options import Reading
+    from servobench.fleet.settings import Settings
     from servobench.identification.result import Result
     from servobench.recordings.evidence import Evidence
 
 SCHEMA = "servobench.each/1"
 
 
-@dataclass(frozen=True)
-class Asked:
-    """The options for each file: `structure`, `estimator`, `nominal`, `known` and `starts_at_rest` as for `identify`."""
-
-    structure: str
-    estimator: str
-    nominal: str | None
-    known: Mapping[str, tuple[float, float]]
-    starts_at_rest: bool
-
-
 def identify_each(
-    files: Sequence[Path], reading: Reading, asked: Asked, out: Path | None, as_json: bool, command: str
+    files: Sequence[Path], settings: Settings, out: Path | None, as_json: bool, command: str
 ) -> int:
     """Identify each file by itself, and return the exit status.
 
@@ -58,7 +46,7 @@ def identify_each(
             progress.advance(number / len(files))
             place = folder / name if folder is not None else None
             try:
-                statuses.append(_identify_one(file, reading, asked, place, as_json, command))
+                statuses.append(_identify_one(file, settings, place, as_json, command))
             except KeyboardInterrupt:
                 raise PartialStop(
                     f"interrupted: {number} of {count_text(len(files), 'file')} done, {file} was next; what was printed and "
@@ -67,28 +55,15 @@ def identify_each(
     return next((status for status in (USER_MISTAKE, REFUSED) if status in statuses), DONE)
 
 
-def _identify_one(
-    file: Path, reading: Reading, asked: Asked, folder: Path | None, as_json: bool, command: str
-) -> int:
+def _identify_one(file: Path, settings: Settings, folder: Path | None, as_json: bool, command: str) -> int:
     """The exit status of one file, whose result or error is printed and written."""
     from servobench.cli.conclusion import status_of
     from servobench.cli.failures import complain
-    from servobench.cli.recordings import evidence_of
     from servobench.cli.terminal import output, say
     from servobench.core.errors import MissingInformation, ServobenchError
-    from servobench.identification.identify import identify_evidence
-    from servobench.recordings.loading.load import load
 
     try:
-        evidence = evidence_of(load(file), reading)
-        result = identify_evidence(
-            evidence,
-            asked.structure,
-            asked.estimator,
-            asked.nominal,
-            known=asked.known,
-            starts_at_rest=asked.starts_at_rest,
-        )
+        evidence, result = settings.identify(file)
     except ServobenchError as error:
         if error.exit_status != USER_MISTAKE:
             raise

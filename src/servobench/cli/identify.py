@@ -12,6 +12,8 @@ from servobench.cli.options import (
     AllFindings,
     AsJson,
     DataSheet,
+    EstimatorName,
+    KnownParameters,
     Overwrite,
     Reading,
     ReportFile,
@@ -39,13 +41,7 @@ def identify(
     reading: Reading = AS_IT_IS,
     starts_at_rest: StartsAtRest = False,
     nominal: DataSheet = None,
-    known: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE[+-SD]",
-            help="A known parameter of the motor, such as resistance=8.4, to find the others; may be repeated.",
-        ),
-    ] = None,
+    known: KnownParameters = None,
     validate_with: Annotated[
         list[Path] | None,
         typer.Option(
@@ -54,12 +50,7 @@ def identify(
         ),
     ] = None,
     structure: StructureName = "auto",
-    estimator: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="The method; auto chooses the one that suits the noise in the data."
-        ),
-    ] = "auto",
+    estimator: EstimatorName = "auto",
     as_json: AsJson = False,
     report: ReportFile = None,
     overwrite: Overwrite = False,
@@ -75,21 +66,29 @@ def identify(
     rev/s, counts/s, m/s).
     """
     from servobench.cli.conclusion import check_names, conclude, deliver, status_of
-    from servobench.cli.each import Asked, identify_each
+    from servobench.cli.each import identify_each
     from servobench.cli.output_file import check_free
     from servobench.cli.parameter_values import parse_parameters
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.recordings import evidence_of, further_evidence_of, load_all
     from servobench.cli.terminal import messages, output, say
     from servobench.core.rounding import count_text
+    from servobench.fleet.settings import Settings
 
     check_names(structure, estimator, nominal)
     stated = parse_parameters(known or ())
     _check_together(each, out, report, validate_with)
     check_free(report, "--report", [*files, *(validate_with or ()), reading.mapping], overwrite)
     if each:
-        asked = Asked(structure, estimator, nominal, stated, starts_at_rest)
-        raise typer.Exit(identify_each(files, reading, asked, out, as_json, context.obj or ""))
+        settings = Settings(
+            options=reading.options,
+            structure=structure,
+            estimator=estimator,
+            nominal=nominal,
+            known=stated,
+            starts_at_rest=starts_at_rest,
+        )
+        raise typer.Exit(identify_each(files, settings, out, as_json, context.obj or ""))
     with Progress() as progress:
         fitted = evidence_of(load_all(files, progress), reading)
         others = further_evidence_of(load_all(validate_with, progress), reading) if validate_with else []

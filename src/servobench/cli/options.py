@@ -146,6 +146,48 @@ StructureName = Annotated[
         "--structure", metavar="NAME", help="The model structure; auto chooses the one that the data need."
     ),
 ]
+EstimatorName = Annotated[
+    str,
+    typer.Option(
+        "--estimator",
+        metavar="NAME",
+        help="The method; auto chooses the one that suits the noise in the data.",
+    ),
+]
+KnownParameters = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--known",
+        metavar="NAME=VALUE[+-SD]",
+        help="A known parameter of the motor, such as resistance=8.4, to find the others; may be repeated.",
+    ),
+]
+LimitsFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--limits",
+        metavar="FILE.toml",
+        help="The limits of parameters and the decision rule: says pass, fail or undecided of each motor.",
+    ),
+]
+NamePatternText = Annotated[
+    str | None,
+    typer.Option(
+        "--pattern",
+        metavar="TEXT",
+        help="What the files are called, such as '{line}/{serial}_{date}.csv'; each name in braces becomes a column.",
+    ),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        "--workers",
+        metavar="N",
+        min=1,
+        max=256,
+        help="How many processes work; by default one for each processor.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON, the answer, on standard output.")]
 MemberName = Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)]
 AllFindings = Annotated[

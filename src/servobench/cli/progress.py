@@ -23,7 +23,7 @@ _INTERVAL = 0.25  # s
 class _Work:
     """The current step, its start [s], and the first and the latest (time [s], part that was done by then).
 
-    `left` is the time that is left [s] where the work itself tells it, as a run does.
+    `left` is the time that is left [s] where the work itself tells it, as a run does; `rate` is its pace in words.
 
     It is replaced as a whole, so that the thread that writes about it never sees a half of each of two.
     """
@@ -33,6 +33,7 @@ class _Work:
     first: tuple[float, float] | None = None
     latest: tuple[float, float] | None = None
     left: float | None = None
+    rate: str = ""
 
     @property
     def done(self) -> float:
@@ -88,11 +89,11 @@ class Progress:
         """Say from now on that this is being done; nothing for an empty text."""
         self._work = _Work(what=what, start=self._now())
 
-    def advance(self, done: float, left: float | None = None) -> None:
-        """Take note of the part of the work that is done, from 0 to 1, and of the time left [s] where that is known."""
+    def advance(self, done: float, left: float | None = None, rate: str = "") -> None:
+        """Take note of the part of the work that is done, from 0 to 1, and of time left [s] and pace where they are known."""
         place = (self._now(), done)
         # The pace is counted from here: what comes before the first word is preparation.
-        self._work = replace(self._work, first=self._work.first or place, latest=place, left=left)
+        self._work = replace(self._work, first=self._work.first or place, latest=place, left=left, rate=rate)
 
     def note(self, sentence: str) -> None:
         """Print a sentence that stays, above the line."""
@@ -125,7 +126,7 @@ class Progress:
         left = work.time_left(now)
         if left is None:
             return f"{work.what}, {duration(now - work.start)} so far"
-        return f"{work.what}, {100 * work.done:.0f} %, {duration(left)} left"
+        return f"{work.what}, {100 * work.done:.0f} %,{work.rate} {duration(left)} left"
 
     def _write(self) -> None:
         with suppress(OSError, ValueError):  # the terminal is gone; the work isn't

@@ -289,9 +289,9 @@ class Twin:
 
     @property
     def in_blocks(self) -> Handing | None:
-        """The twin itself in virtual time with the exact solver; not of a class made from it, whose reads may be others."""
-        exact = SOLVERS[self.settings.solver] is Exact
-        return self if type(self) is Twin and exact and self.settings.timing == "virtual" else None
+        """The twin itself in virtual time, by the exact solver, without a watchdog; not a subclass, whose reads may differ."""
+        plain = SOLVERS[self.settings.solver] is Exact and self.own_watchdog is None
+        return self if type(self) is Twin and plain and self.settings.timing == "virtual" else None
 
     def hand_over(self, to: Handover) -> None:
         """Write the motor's, the amplifier's and the sensors' numbers, and the state after the last tick."""

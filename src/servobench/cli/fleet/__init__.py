@@ -1,0 +1,1 @@
+"""`servobench fleet`: a group of commands, each in a file of its own; `group` lists them."""

@@ -1,0 +1,37 @@
+"""A folder of recordings for the tests of a fleet, and what is compared of its rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servobench.fleet.parts import rows_in
+from servobench.fleet.settings import Settings
+from tests.cli.test_each import write_motor
+
+SETTINGS = Settings(options={"output": "speed:rad/s", "chain": "none"})
+PATTERN = "{line}/{serial}_{date}.csv"
+
+
+def write_fleet(folder: Path, count: int, *, seed: int = 1, sd: float = 0.5) -> list[str]:
+    """Write recordings of motors of 20 ± sd rad/(s·V) on two lines, and return their names."""
+    random = np.random.default_rng(seed)
+    names = []
+    for serial in range(count):
+        line = folder / f"line{serial % 2}"
+        line.mkdir(parents=True, exist_ok=True)
+        name = f"{serial:04}_2026-11-{1 + serial % 28:02}.csv"
+        write_motor(line / name, float(random.normal(20, sd)))
+        names.append(f"line{serial % 2}/{name}")
+    return sorted(names)
+
+
+def comparable(results: Path) -> dict[str, dict[str, Any]]:
+    """The rows by file, without the time they took; a file with two rows fails."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows_in(results):
+        assert row["file"] not in found, row["file"]
+        found[row["file"]] = {name: value for name, value in row.items() if name != "cpu_seconds"}
+    return found
