@@ -27,7 +27,7 @@ from servobench.rig.devices.faults.base import (
     fault_from,
     text_of,
 )
-from servobench.rig.devices.handover import Handing, Handover, handing_part
+from servobench.rig.devices.handover import Handing, Handover, handover_part
 
 SETTING = "faults"  # of a device's info, which lists the faults
 
@@ -92,12 +92,12 @@ class Faulty:
     @property
     def in_blocks(self) -> Handing | None:
         """The device itself, where no fault has to see samples before its time and the device within is able to."""
-        able = type(self) is Faulty and handing_part(self.device) is not None
+        able = type(self) is Faulty and handover_part(self.device) is not None
         return self if able and not any(fault.sees_every_sample for fault in self._faults) else None
 
     def hand_over(self, to: Handover) -> None:
         """Write what the device within does, and the tick before that of the next sample that a fault has to see."""
-        inner = handing_part(self.device)
+        inner = handover_part(self.device)
         if inner is not None:
             inner.hand_over(to)
         for fault, run in zip(self._faults, self._runs, strict=True):
@@ -106,7 +106,7 @@ class Faulty:
 
     def take_back(self, block: Handover) -> None:
         """Read what the device within does, and the time."""
-        inner = handing_part(self.device)
+        inner = handover_part(self.device)
         if inner is not None:
             inner.take_back(block)
         for run in self._runs:

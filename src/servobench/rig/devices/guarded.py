@@ -34,7 +34,7 @@ from servobench.rig.devices.guard.rescue import Rescue, first_that_works
 from servobench.rig.devices.guard.sample_check import Answers, recordable, unusable
 from servobench.rig.devices.guard.stall import StallMonitor
 from servobench.rig.devices.guard.watchdog import Watcher
-from servobench.rig.devices.handover import Handing, Handover, handing_part
+from servobench.rig.devices.handover import Handing, Handover, handover_part
 from servobench.rig.experiment.limits import Light, Limits
 from servobench.systems.control.base import Controller
 
@@ -191,7 +191,7 @@ class Guarded:
     @property
     def in_blocks(self) -> Handing | None:
         """The guard itself where the device and all that watches it can take part in a block of ticks, else None."""
-        able = type(self) is Guarded and handing_part(self.device) is not None
+        able = type(self) is Guarded and handover_part(self.device) is not None
         return self if able and all(isinstance(each, Handing) for each in self._monitors) else None
 
     @property
@@ -222,7 +222,7 @@ class Guarded:
         self._index, self._fed = int(block.s[at.INDEX]), self._now()
 
     def _parts(self) -> tuple[Handing, ...]:
-        parts = (handing_part(self.device), self._motion, *self._monitors)
+        parts = (handover_part(self.device), self._motion, *self._monitors)
         return tuple(each for each in parts if isinstance(each, Handing))
 
     def set_clock(self, elapsed: Callable[[], float]) -> None:

@@ -87,7 +87,7 @@ class Handing(Protocol):
         ...
 
 
-def handing_part(device: object) -> Handing | None:
+def handover_part(device: object) -> Handing | None:
     """Return what hands a device's numbers over, its `in_blocks`; None where it has to go tick by tick.
 
     A device around a device that hands everything on which it hasn't itself is none: its reads and writes may be others.

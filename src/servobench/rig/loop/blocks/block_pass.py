@@ -16,7 +16,7 @@ from servobench.rig.devices import handover as at
 from servobench.rig.devices.base import Device
 from servobench.rig.devices.faulty import Faulty
 from servobench.rig.devices.guarded import Guarded
-from servobench.rig.devices.handover import NEVER, Handover, handing_part
+from servobench.rig.devices.handover import NEVER, Handover, handover_part
 from servobench.systems.control.base import Controller
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.open_loop import OpenLoop
@@ -85,8 +85,8 @@ class BlockDrive(Protocol):
 
 def tick_by_tick_reason(device: Device, controller: Controller) -> str:
     """Return which part of a run in virtual time isn't compiled, so that it goes tick by tick; empty where each is."""
-    if handing_part(device) is None:
-        injected = isinstance(device, Faulty) and handing_part(device.device) is not None
+    if handover_part(device) is None:
+        injected = isinstance(device, Faulty) and handover_part(device.device) is not None
         what = "a fault has to see every sample" if injected else ""
         return what or f"the device {device.info.name!r} isn't compiled as it is set"
     if type(controller) not in LAWS:
