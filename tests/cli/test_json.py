@@ -16,6 +16,7 @@ WITHOUT = {
     "completion": "a script for a shell",
     "panel": "a server that goes on until it is stopped",
     "lab": "a group, whose commands have it",
+    "fleet": "a group, whose commands have it but `watch`, which goes on until it is stopped",
 }
 
 

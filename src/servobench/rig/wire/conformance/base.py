@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from servobench.core.errors import DeviceError
+from servobench.core.parameter_names import plain_words
 from servobench.rig.wire.conformance.session import Session
 
 Verdict: TypeAlias = Literal["passed", "failed", "not offered"]
@@ -46,7 +47,7 @@ def rule(checks: list[Check], sentence: str) -> Callable[[Run], Run]:
     """Decorate a function as the check of that sentence; its name becomes the check's."""
 
     def add(run: Run) -> Run:
-        name = getattr(run, "__name__", "").strip("_").replace("_", " ")
+        name = plain_words(getattr(run, "__name__", "").strip("_"))
         checks.append(Check(name=name, rule=sentence, run=run))
         return run
 
