@@ -127,6 +127,27 @@ def test_a_shaft_that_rests_needs_motion(tmp_path: Path) -> None:
     assert watch.sentence() == "needs motion"
 
 
+@pytest.mark.parametrize("seconds", [3, 12])
+def test_one_step_from_rest_does_not_tell_gain_from_friction(tmp_path: Path, seconds: float) -> None:
+    """Every gain with a friction to match gives the same motion, so nothing is known of the gain however long it runs."""
+    rows = rows_of(sb.Experiment(signal=sb.Step(final=4, start=0.5), duration=seconds, seed=1))
+    watch = watched(tmp_path, rows)
+
+    assert not watch.enough
+    assert "gain" not in (watch.message() or {"parameters": {}})["parameters"]
+    assert watch.sentence() == "needs another speed, or coasting to standstill"
+
+
+def test_times_that_may_be_milliseconds_are_said_while_there_is_time_to_begin_again(tmp_path: Path) -> None:
+    rows = driven() * [1000, 1, 1]
+    watch = Watch(ENCODER, "test", tmp_path / "recording.mcap")
+    OPEN.append(watch)
+    give(watch, rows[:200], ("time", "u", "counts"))
+
+    assert "if the time column is in milliseconds" in watch.sentence()
+    assert "`time=COL:ms`" in watch.sentence()
+
+
 def test_one_way_is_enough_for_gain_and_says_what_both_directions_would_tell(tmp_path: Path) -> None:
     watch = watched(tmp_path, driven(low=1.0))
     watch.judge(identify_evidence(watch.so_far()))
@@ -192,11 +213,11 @@ def test_a_wrong_count_is_no_wrap_and_hides_none(tmp_path: Path) -> None:
 
 def test_lost_rows_are_counted_and_the_estimate_goes_on(tmp_path: Path) -> None:
     rows = driven()
-    kept = np.delete(rows, np.r_[3000:3400, 6000:6003], axis=0)
+    kept = np.delete(rows, np.r_[3000:3100, 6000:6003], axis=0)
     watch = watched(tmp_path, kept)
 
     assert watch.rows == len(kept)
-    assert watch.lost == 403
+    assert watch.lost == 103
     assert watch.enough
     (evidence,) = watch.end(stop_text("end"))
     assert "stream-gaps" in {each.code for each in evidence.recording.findings}
@@ -308,10 +329,11 @@ def test_a_few_rows_after_a_restart_cost_no_result(tmp_path: Path) -> None:
     assert sb.identify(evidence.dataset()).verdict == "trusted"
 
 
-def test_a_pause_in_which_the_motor_is_driven_costs_no_result(tmp_path: Path) -> None:
-    """No row for four seconds, in which the square wave went on: the rows after it are a recording of their own."""
+@pytest.mark.parametrize("lost", [2000, 200], ids=["4 s", "0.4 s"])
+def test_a_pause_in_which_the_motor_is_driven_costs_no_result(tmp_path: Path, lost: int) -> None:
+    """No row for a while, in which the square wave went on: the rows after it are a recording of their own."""
     (tmp_path / "whole").mkdir()
-    watch = watched(tmp_path, np.concatenate([driven()[:3000], driven()[5000:8000]]))
+    watch = watched(tmp_path, np.concatenate([driven()[:3000], driven()[3000 + lost :][:3000]]))
     evidence = watch.end(stop_text("end"))
     result = sb.identify([each.dataset() for each in evidence])
     whole = sb.identify(

@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from servobench.cli.option_names import with_options
 from servobench.cli.terminal import OutputGone, printable, say
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import group_digits, rounded_interval
@@ -86,14 +87,14 @@ def block(watch: Watch, silence: float) -> Group:
         table.add_row(Text(f"  {name}"), Text(value))
     mark, style, meaning = _LIGHTS[message["white"]]
     light = Text.assemble((f"{mark} ", style), (meaning, "dim"))
-    return Group(table, Text(_basis(watch, silence)), light, Text(watch.sentence(), style="bold"))
+    return Group(table, Text(_basis(watch, silence)), light, Text(with_options(watch.sentence()), style="bold"))
 
 
 def line(watch: Watch, silence: float) -> str:
     """Return the same on one line, for a log."""
     message = watch.message() or {"parameters": {}, "white": None}
     values = [f"{name} {value}" for name, value in _values(message)]
-    return "; ".join([_basis(watch, silence), *values, watch.sentence()])
+    return "; ".join([_basis(watch, silence), *values, with_options(watch.sentence())])
 
 
 def _values(message: dict[str, Any]) -> list[tuple[str, str]]:

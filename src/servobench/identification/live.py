@@ -29,7 +29,7 @@ _COLUMNS = {
 
 MOTION = "needs motion"
 FASTER = "needs a faster change of speed"
-STANDSTILL = "needs standstill, or another speed"
+ANOTHER_SPEED = "needs another speed, or coasting to standstill"
 BOTH_WAYS = "needs both directions"
 LONGER = "needs more of the same motion"
 
@@ -159,7 +159,7 @@ def _motion_for(name: str, share: float, reference: Array, covariance: Array) ->
         return LONGER
     if name == "time_constant":
         return FASTER
-    for other, motion in ((COULOMB, STANDSTILL), (OFFSET, BOTH_WAYS), (1, FASTER)):
+    for other, motion in ((COULOMB, ANOTHER_SPEED), (OFFSET, BOTH_WAYS), (1, FASTER)):
         if _sd_given(covariance, at, other) <= _MORE * enough:
             return motion
     return MOTION

@@ -22,6 +22,7 @@ from servobench.identification.estimators.recursion.motion import Samples
 from servobench.identification.estimators.recursion.start import Setting
 from servobench.identification.live import BOTH_WAYS, LiveEstimate
 from servobench.identification.result import Result
+from servobench.identification.trust.doubts.time_unit import may_be_milliseconds
 from servobench.recordings.evidence import Evidence
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.measurement.base import Chain
@@ -37,7 +38,8 @@ KNOWN = {"gain": 0.02, "time_constant": 0.05}
 
 _COUNTERS = (16, 32)  # bits of the counters whose wraps are recognised
 _RANGES = tuple(2.0**bits for bits in _COUNTERS)
-_PAUSE = 1.0  # s without rows: what comes then is a recording of its own
+_PAUSE = 0.25  # s without rows, in which the input may have changed: what comes then is a recording of its own
+_LOST = 10  # rows in a pause at least: single lost ones of a slow stream are no pause
 _FEWEST = 20  # rows: fewer than any structure needs for a model
 
 
@@ -68,6 +70,7 @@ class Watch:
         self._watched = 0.0
         self._last = 0.0
         self._looked = 0
+        self._slow = 0.0
         self._chains: list[str] = []
         self._rule = StoppingRule(self._wish)
         self._judged: Result | None = None
@@ -159,6 +162,11 @@ class Watch:
         """Return in one sentence whether enough is known, and how well, or else which motion is missing."""
         if self._evidence is None and not self._chains:
             return "waiting for rows"
+        if self._slow:
+            return (
+                f"the rows are {self._slow:.3g} s apart, which is slow for a motor; if the time column is in milliseconds, "
+                "end this and begin again with `time=COL:ms`"
+            )
         if self._live is None:
             return "recording; a speed is identified at the end, a position also live"
         both = f"; to tell friction from offset it {BOTH_WAYS}" if self._live.turned_one_way else ""
@@ -178,7 +186,9 @@ class Watch:
     def _take(self, part: Part) -> None:
         if part.link == "restart":
             self._finish(Stopped(reason="finished", sentence="the clock of the stream began again"))
-        elif self._evidence is not None and (paused := self._pause(part)) > _PAUSE:
+        elif self._evidence is not None and (
+            paused := self._pause(part)
+        ) > max(_PAUSE, _LOST * part.sample_time):
             # What drove the motor meanwhile nobody knows, and no model bridges that.
             self._finish(Stopped(reason="finished", sentence=f"no rows came for {paused:.3g} s"))
         if self._evidence is None:
@@ -218,6 +228,7 @@ class Watch:
         self._writer.begin(opening, [Together(channels=names)], earliest=0.0 if t is None else float(t[0]))
         self._evidence = replace(part.evidence, recording=opening)
         self._travel = _Travel.of(self._evidence)
+        self._slow = part.sample_time if may_be_milliseconds(found.findings, part.sample_time) else 0.0
         if self._live is None:
             self._live = self._new_estimate(part)
         else:

@@ -14,7 +14,8 @@ from servobench.identification.estimators.output_error import best_minimum, simu
 from servobench.identification.estimators.recursion.motion import Motion, Samples, possible, unknowns
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.first_order import FirstOrder
-from servobench.identification.models.kernels import COLUMNS, DELAY
+from servobench.identification.models.kernels import COLUMNS, COULOMB, DELAY
+from servobench.identification.models.level import single_level
 from servobench.identification.models.motion import turns_both_ways
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.recording import Source
@@ -72,6 +73,13 @@ class Uninformed:
     covariance: Array
 
 
+def _inseparable() -> Uninformed:
+    """A gain and a friction of which each may have any value while K (u - u_c) is known, as one level of the input tells them."""
+    covariance = np.zeros((COLUMNS, COLUMNS))
+    covariance[np.ix_([0, COULOMB], [0, COULOMB])] = 1.0
+    return Uninformed(reference=np.ones(COLUMNS), covariance=covariance)
+
+
 def start_motion(setting: Setting, samples: Samples) -> Motion | Uninformed | None:
     """Return the motion through all samples at the reference where its estimate is, found from the output-error fit.
 
@@ -83,6 +91,8 @@ def start_motion(setting: Setting, samples: Samples) -> Motion | Uninformed | No
         return _without_information(np.arange(COLUMNS))
     if np.ptp(samples.u) == 0:
         return _without_information(np.array([1, DELAY]))
+    if setting.structure is None and single_level([data]) is not None:
+        return _inseparable()
     try:
         reference, friction = _by_output_error(setting, data)
     except NotIdentifiable:  # too little to go by so far: more samples come

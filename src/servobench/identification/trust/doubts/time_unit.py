@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from servobench.core.finding import Finding, warning
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
+
+
+_SLOW = 0.5  # s between samples: no motor is recorded so slowly on purpose
+
+
+def may_be_milliseconds(findings: Iterable[Finding], sample_time: float) -> bool:
+    """Return whether times are seconds by convention only, by what reading them found, and the samples far apart [s]."""
+    return sample_time >= _SLOW and any(finding.code == "time-recognised" for finding in findings)
 
 
 def _of_each(records: Sequence[Dataset]) -> list[Finding]:
@@ -15,8 +23,7 @@ def _of_each(records: Sequence[Dataset]) -> list[Finding]:
 
 def _time_unit(data: Dataset) -> list[Finding]:
     """Whether times that are seconds by convention only would make a motor of minutes."""
-    by_convention = any(finding.code == "time-recognised" for finding in data.findings)
-    if not by_convention or data.sample_time < 0.5:
+    if not may_be_milliseconds(data.findings, data.sample_time):
         return []
     sentence = (
         f"{data.name}: read in seconds, as its name suggests, the time column puts the samples "
