@@ -87,7 +87,9 @@ def block(watch: Watch, silence: float) -> Group:
         table.add_row(Text(f"  {name}"), Text(value))
     mark, style, meaning = _LIGHTS[message["white"]]
     light = Text.assemble((f"{mark} ", style), (meaning, "dim"))
-    return Group(table, Text(_basis(watch, silence)), light, Text(with_options(watch.sentence()), style="bold"))
+    return Group(
+        table, Text(_basis(watch, silence)), light, Text(with_options(watch.sentence()), style="bold")
+    )
 
 
 def line(watch: Watch, silence: float) -> str:

@@ -38,7 +38,9 @@ KNOWN = {"gain": 0.02, "time_constant": 0.05}
 
 _COUNTERS = (16, 32)  # bits of the counters whose wraps are recognised
 _RANGES = tuple(2.0**bits for bits in _COUNTERS)
-_PAUSE = 0.25  # s without rows, in which the input may have changed: what comes then is a recording of its own
+_PAUSE = (
+    0.25  # s without rows, in which the input may have changed: what comes then is a recording of its own
+)
 _LOST = 10  # rows in a pause at least: single lost ones of a slow stream are no pause
 _FEWEST = 20  # rows: fewer than any structure needs for a model
 
@@ -186,9 +188,9 @@ class Watch:
     def _take(self, part: Part) -> None:
         if part.link == "restart":
             self._finish(Stopped(reason="finished", sentence="the clock of the stream began again"))
-        elif self._evidence is not None and (
-            paused := self._pause(part)
-        ) > max(_PAUSE, _LOST * part.sample_time):
+        elif self._evidence is not None and (paused := self._pause(part)) > max(
+            _PAUSE, _LOST * part.sample_time
+        ):
             # What drove the motor meanwhile nobody knows, and no model bridges that.
             self._finish(Stopped(reason="finished", sentence=f"no rows came for {paused:.3g} s"))
         if self._evidence is None:

@@ -8,7 +8,6 @@ from servobench.core.finding import Finding, warning
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
-
 _SLOW = 0.5  # s between samples: no motor is recorded so slowly on purpose
 
 
