@@ -432,6 +432,8 @@ _TABLE = (
         "Take 0 V, unless it has to hold a load."),
     FindingCode("voltage-before-row", "The voltage belongs to the row before."),
     FindingCode("voltage-not-finite", "A commanded voltage is no finite number.", "Mend what computes it."),
+    FindingCode("voltages-late", "The device let the motor go because the voltages of the run came too late.",
+        "Close what keeps the computer busy, or give the device's watchdog more time."),
     FindingCode("wake-ups", "How late the computer wakes up was measured."),
     FindingCode("watchdog", "No new voltage came in time; the guard stopped the motor.",
         "Find what held the loop up, or raise `limits.watchdog.timeout`."),

@@ -12,10 +12,12 @@ from servobench.core.errors import DeviceError, UsageError
 from servobench.identification.identify import identify
 from servobench.recordings.measurement.measure import measure
 from servobench.rig.devices.base import RunEnded
+from servobench.rig.devices.faulty import with_faults
 from servobench.rig.devices.rig import FAULTS, LATCH_TO_DUTY, Rig, RigSettings
 from servobench.rig.experiment import Experiment, Limits
 from servobench.rig.lost_device import DeviceLost
 from servobench.rig.wire import conversation, serial_port
+from servobench.rig.wire.frames import Reader
 from servobench.rig.wire.messages import protocol
 from servobench.systems.control.pid import Pid
 from servobench.systems.signals.prbs import PRBS
@@ -172,6 +174,48 @@ def test_a_host_that_comes_too_late_is_told_that_the_watchdog_tripped() -> None:
     _bench, sentence = ended(lambda bench: bench.board.let_pass(80))
 
     assert "its watchdog tripped: no voltage came for 50 ms" in sentence
+
+
+def test_a_run_that_came_too_late_is_told_from_one_that_the_bench_ended() -> None:
+    assert "voltages-late" in codes_after(lambda bench: bench.board.let_pass(80))
+    assert "voltages-late" not in codes_after(lambda bench: bench.board.block())
+
+
+def codes_after(break_it: Callable[[Bench], object]) -> set[str]:
+    """The findings of a run that ends by a fault, after something breaks in the middle."""
+    bench = Bench()
+
+    def watch(progress: Any) -> None:
+        if progress.tick == 100:
+            break_it(bench)
+
+    with bench.rig() as rig:
+        experiment = Experiment(signal=Step(final=6.0), duration=5, limits=Limits(stall=None))
+        recording = bench.run(experiment, rig, watch=watch)
+    assert recording.stopped.reason == "fault"
+    return {each.code for each in recording.findings}
+
+
+def test_the_samples_that_a_fault_left_on_are_switched_off_before_the_next_run() -> None:
+    """A board that makes up samples can't take the whole table as fast as it comes."""
+    bench = Bench()
+    with with_faults(bench.rig(), [{"name": "starved", "from": 0.3}]) as rig:
+        bench.run(Experiment(duration=0.6), rig)
+    said = []
+    with bench.rig() as rig:
+        whole = bench.port.write
+        reader = Reader()
+
+        def write(data: bytes) -> None:
+            said.extend(protocol().of(payload) for payload in reader.feed(data))
+            whole(data)
+
+        bench.port.write = write  # type: ignore[method-assign]
+        recording = bench.run(Experiment(duration=0.4), rig)
+
+    names = [each.name for each in said if each is not None]
+    assert names.index("sampling") < names.index("enable") < names.index("table")
+    assert recording.stopped.reason == "finished"
 
 
 def test_what_a_dead_host_left_is_cleared_by_the_next_one() -> None:

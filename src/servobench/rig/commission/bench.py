@@ -304,9 +304,9 @@ class Bench:
 
 
 def _is_lateness(finding: Finding) -> bool:
-    """Whether a finding says that the computer was too late: the guard's watchdog, or many missed samples."""
+    """Whether a finding says that the computer was too late: the guard's or the device's watchdog, or many missed samples."""
     many = finding.code == "samples-missed" and finding.severity is Severity.WARNING
-    return many or finding.code == "watchdog"
+    return many or finding.code in ("watchdog", "voltages-late")
 
 
 def _still() -> Mapping[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from servobench.core.arguments import check_type
 from servobench.core.channels import Array, DeviceInfo, Sample
 from servobench.core.errors import UsageError
-from servobench.core.finding import lower_first
+from servobench.core.finding import Finding, lower_first
 from servobench.core.registry import Registry
 from servobench.recordings.recording import Stopped
 from servobench.systems.control.base import Controller
@@ -117,6 +117,15 @@ class SelfStopping(Protocol):
     @property
     def own_watchdog(self) -> float | None:
         """How long it waits for a voltage [s]; None if it waits without end."""
+        ...
+
+
+@runtime_checkable
+class Reporting(Protocol):
+    """An optional method of a device that has something to say of a run beside its samples."""
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return what is worth knowing of the run so far, such as that its own watchdog ended it."""
         ...
 
 

@@ -18,7 +18,15 @@ from servobench.core.errors import DeviceError, ServobenchError, UsageError
 from servobench.core.finding import Finding
 from servobench.recordings.recording import Stopped
 from servobench.rig.devices import handover as at
-from servobench.rig.devices.base import Device, Following, Preloaded, RunEnded, value_text, voltage_or_nan
+from servobench.rig.devices.base import (
+    Device,
+    Following,
+    Preloaded,
+    Reporting,
+    RunEnded,
+    value_text,
+    voltage_or_nan,
+)
 from servobench.rig.devices.guard.base import MONITORS, Alarm, Monitor, Motion, Rig
 from servobench.rig.devices.guard.faults import (
     Fault,
@@ -372,6 +380,8 @@ class Guarded:
         found = [finding for monitor in self._monitors for finding in monitor.findings()]
         if self._limited:
             found.append(saturation_finding(self._limited))
+        if isinstance(self.device, Reporting):
+            found.extend(self.device.findings())
         return (*found, *faults_found(self._faults, found))
 
     def _prepare(self, sample_time: float) -> None:

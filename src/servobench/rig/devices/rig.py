@@ -14,6 +14,7 @@ from pydantic import Field
 
 from servobench.core.channels import Array, Channel, DeviceInfo, Sample
 from servobench.core.errors import DeviceError, UsageError
+from servobench.core.finding import Finding, warning
 from servobench.core.parameter_names import plain_words
 from servobench.core.settings import CountsPerRev, PositiveTime, PositiveVoltage, Resistance, Settings
 from servobench.recordings.recording import Stopped
@@ -49,6 +50,7 @@ FAULTS = {
     "their own",
 }
 """The meaning of each fault of the firmware for the person beside the motor."""
+LATE = ("watchdog", "table_empty")  # faults by which a board ends the run of a computer that is too slow
 
 
 class RigSettings(Settings):
@@ -236,6 +238,9 @@ class Rig:
         talk = self._needs_port()
         period = self._period(sample_time)
         self._stop_and_claim(talk)
+        # The run before may have left the board sampling, as one that ended in a fault does: making up those frames would keep it
+        # from taking the table as fast as it comes.
+        self._command("sampling", period=0, block=0)
         stall = min(self._full, max(1, self._duty(min(self.settings.stall_voltage, self.settings.supply))))
         self._command("configure", watchdog_ms=self._watchdog_ms, stall_duty=stall)
         self._table = self._preloaded
@@ -292,6 +297,10 @@ class Rig:
         except OSError as error:
             self._raise_lost(error)
         return duty / self._full * self.settings.supply
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the warning that the board let the motor go because the voltages came too late, if it did."""
+        return self._findings
 
     def stop(self) -> None:
         """Switch the bridge off. Where the port is gone the board's watchdog does it."""
@@ -377,6 +386,7 @@ class Rig:
     def _forget(self) -> None:
         """Begin a run: nothing was sent or heard of it."""
         self._samples: deque[Sample] = deque()
+        self._findings: tuple[Finding, ...] = ()
         self._told: deque[int] = deque()  # the duties that came with them
         self._told_duty = 0
         self._first_time: int | None = None
@@ -436,6 +446,8 @@ class Rig:
         if names and self._driving:
             self._driving = False
             sentence = f"rig: {FAULTS[names[0]]}".format(**values)
+            if names[0] in LATE:
+                self._findings = (warning("voltages-late", f"{sentence[0].upper()}{sentence[1:]}."),)
             raise RunEnded(Stopped(reason="fault", sentence=sentence))
         if values["owner"] != self._owner:
             causes = " and ".join(protocol().names("reset_causes", values["reset_cause"])) or "unknown cause"
