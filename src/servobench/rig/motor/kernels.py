@@ -1,10 +1,11 @@
 """Compiled kernels of the motor: one tick, exact, with the tick split where the shaft stops or turns back.
 
 While the shaft slides one way and the voltage is constant, the motor is linear and its state at any time is known in closed form.
-Coulomb friction makes it switch between three such phases: sliding forwards, sliding backwards, stuck. A tick that
-can't contain a switch is one matrix product with the implicit friction step; any other is cut at its switching times.
+Coulomb friction makes it switch between three such phases: sliding forwards, sliding backwards, stuck. A tick in which the speed
+surely doesn't reach zero is one matrix product, with the whole Coulomb torque against the motion; any other is cut at its
+switching times.
 
-The coefficients c (19,) are laid out below. The current i is in A, the speed w in rad/s, the angle theta in rad, the voltage v
+The coefficients c (22,) are laid out below. The current i is in A, the speed w in rad/s, the angle theta in rad, the voltage v
 in V, times are in s.
 """
 
@@ -18,7 +19,9 @@ from servobench.core.compiled import compiled
 # Layout of the coefficient array `c`, filled by `servobench.rig.motor.solvers.exact`.
 R, L, K, J, B, TC, H = 0, 1, 2, 3, 4, 5, 6
 A00, A01, B0, A10, A11, B1, T0, T1, TB, C1, G, Q = 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18
-SIZE = 19
+# The speed can't reach zero in a tick where s (ω + ω') > PER_AMPERE |i| + PER_VOLT |v| + LEAST, see `tick`.
+PER_AMPERE, PER_VOLT, LEAST = 19, 20, 21
+SIZE = 22
 
 
 @compiled
@@ -69,20 +72,20 @@ def slide(
 
 
 @compiled
+def acceleration(c: Array, i: float, w: float, s: float) -> float:
+    """Return the acceleration of a shaft that slides in direction s."""
+    return (c[K] * i - c[B] * w - s * c[TC]) / c[J]
+
+
+@compiled
 def extremum(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> float:
-    """Return the time in (0, t_end) at which the sliding speed has its one extremum, or -1 where it has none there."""
-    if c[L] == 0.0:
-        return -1.0
-    slope_0 = (c[K] * i - c[B] * w - s * c[TC]) / c[J]
-    i1, w1, _ = slide(c, i, w, 0.0, v, s, t_end)
-    slope_1 = (c[K] * i1 - c[B] * w1 - s * c[TC]) / c[J]
-    if slope_0 * slope_1 >= 0.0:
-        return -1.0
+    """Return the time in (0, t_end) at which the sliding speed has its one extremum, where the acceleration changes its sign."""
+    first = acceleration(c, i, w, s)
     low, high = 0.0, t_end
     for _ in range(60):
         middle = 0.5 * (low + high)
         im, wm, _ = slide(c, i, w, 0.0, v, s, middle)
-        if (c[K] * im - c[B] * wm - s * c[TC]) * slope_0 > 0.0:
+        if acceleration(c, im, wm, s) * first > 0.0:
             low = middle
         else:
             high = middle
@@ -92,25 +95,47 @@ def extremum(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> 
 @compiled
 def stop_time(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> float:
     """Return the first time in (0, t_end] at which a shaft that slides in direction s comes to rest, or -1 where it doesn't."""
-    top = extremum(c, i, w, v, s, t_end)
     low, high = 0.0, t_end
-    if top > 0.0:
-        _, w_top, _ = slide(c, i, w, 0.0, v, s, top)
-        if s * w_top < 0.0:
-            high = top
-        else:
-            low = top
-    _, w_low, _ = slide(c, i, w, 0.0, v, s, low)
-    _, w_high, _ = slide(c, i, w, 0.0, v, s, high)
-    if s * w_high > 0.0 or s * w_low <= 0.0:
-        return -1.0
+    i_end, w_end, _ = slide(c, i, w, 0.0, v, s, t_end)
+    slowed, speeds_up = s * acceleration(c, i, w, s) < 0.0, s * acceleration(c, i_end, w_end, s) > 0.0
+    guess = t_end * w / (w - w_end)  # of a constant acceleration
+    if s * w_end > 0.0:  # then it stops only if it is slower in between than at both ends
+        if c[L] == 0.0 or w == 0.0 or not (slowed and speeds_up):
+            return -1.0
+        high = extremum(c, i, w, v, s, t_end)
+        _, w_top, _ = slide(c, i, w, 0.0, v, s, high)
+        if s * w_top > 0.0:
+            return -1.0
+        guess = 0.5 * high
+    elif s * w <= 0.0:  # it has just started: what turns it back comes after its fastest
+        if c[L] == 0.0 or slowed or speeds_up:
+            return -1.0
+        low = extremum(c, i, w, v, s, t_end)
+        guess = 0.5 * (low + high)
+    return sliding_zero(c, i, w, v, s, low, high, guess)
+
+
+@compiled
+def sliding_zero(
+    c: Array, i: float, w: float, v: float, s: float, low: float, high: float, guess: float
+) -> float:
+    """Return the time in (low, high] at which the sliding speed is zero: by Newton's method, halving where that leads out."""
+    t, enough = guess, 1e-16 * high
     for _ in range(60):
-        middle = 0.5 * (low + high)
-        _, w_middle, _ = slide(c, i, w, 0.0, v, s, middle)
-        if s * w_middle > 0.0:
-            low = middle
+        if not low < t < high:
+            t = 0.5 * (low + high)
+        it, wt, _ = slide(c, i, w, 0.0, v, s, t)
+        if s * wt > 0.0:
+            low = t
         else:
-            high = middle
+            high = t
+        step = wt / acceleration(c, it, wt, s)
+        # Its error is squared at each step, so that a step so short needs none after it.
+        if abs(step) <= 1e-9 * high:
+            return min(high, max(low, t - step))
+        if high - low <= enough:
+            break
+        t -= step
     return high
 
 
@@ -157,24 +182,45 @@ def advance_switching(
 
 @compiled
 def tick(c: Array, i: float, w: float, theta: float, v: float) -> tuple[float, float, float]:
-    """Return the state one tick H later with a constant voltage v."""
-    free = c[A10] * i + c[A11] * w + c[B1] * v
-    d = min(c[C1], max(-c[C1], free))
-    w_new = free - d
-    # The speed can't reach zero inside the tick if, at the largest acceleration, it would need longer than the tick.
-    push = c[K] * max(abs(i), (abs(v) + c[K] * max(abs(w), abs(w_new))) / c[R])
-    fastest = (push + c[B] * max(abs(w), abs(w_new)) + c[TC]) / c[J]
-    if w * w_new <= 0.0 or abs(w) + abs(w_new) <= fastest * c[H]:
+    """Return the state one tick H later with a constant voltage v.
+
+    Where the speed w(t) reaches zero within the tick, it changes by |w| + |w'| at least, and never has more than that, M <= H a, at
+    an acceleration of a <= (k |i| + k (|v| + k M)/R + b M + T_c)/J: of a larger |w| + |w'| = s (w + w'), the tick has no switch.
+    """
+    s = math.copysign(1.0, w)
+    d = s * c[C1]
+    w_new = (c[A10] * i + (c[B1] * v - d)) + c[A11] * w
+    if not s * (w + w_new) > c[PER_AMPERE] * abs(i) + (c[PER_VOLT] * abs(v) + c[LEAST]):
         return advance_switching(c, i, w, theta, v, c[H])
-    theta += (c[T0] * i + c[TB] * v) + (c[T1] * w - c[Q] * d)
-    i = c[A00] * i + c[A01] * w + c[B0] * v + c[G] * d
-    return i, w_new, theta
+    theta += (c[T0] * i + c[T1] * w) + (c[TB] * v - c[Q] * d)
+    return (c[A01] * w + (c[B0] * v + c[G] * d)) + c[A00] * i, w_new, theta
 
 
 @compiled
 def simulate(c: Array, i: float, w: float, theta: float, v: Array, out: Array) -> None:
-    """Fill `out` (N + 1, 3) with current, speed and angle at every tick for voltages v (N,), the first row the start."""
+    """Fill `out` (N + 1, 3) with current, speed and angle at every tick for voltages v (N,), the first row the start.
+
+    The same as one `tick` after the other, with the coefficients in registers, and what friction does, which is constant while the
+    shaft slides one way, taken together.
+    """
+    a00, a01, a10, a11, t0, t1 = c[A00], c[A01], c[A10], c[A11], c[T0], c[T1]
+    b0, b1, tb, per_ampere, per_volt, least = c[B0], c[B1], c[TB], c[PER_AMPERE], c[PER_VOLT], c[LEAST]
     out[0, 0], out[0, 1], out[0, 2] = i, w, theta
-    for n in range(len(v)):
-        i, w, theta = tick(c, i, w, theta, v[n])
-        out[n + 1, 0], out[n + 1, 1], out[n + 1, 2] = i, w, theta
+    n = 0
+    while n < len(v):
+        s = math.copysign(1.0, w)
+        to_i, to_w, to_theta = s * c[G] * c[C1], -s * c[C1], -s * c[Q] * c[C1]
+        while n < len(v):
+            u = v[n]
+            w_new = (a10 * i + (b1 * u + to_w)) + a11 * w
+            if not s * (w + w_new) > per_ampere * abs(i) + (per_volt * abs(u) + least):
+                break
+            theta += (t0 * i + t1 * w) + (tb * u + to_theta)
+            i = (a01 * w + (b0 * u + to_i)) + a00 * i
+            w = w_new
+            n += 1
+            out[n, 0], out[n, 1], out[n, 2] = i, w, theta
+        if n < len(v):
+            i, w, theta = advance_switching(c, i, w, theta, v[n], c[H])
+            n += 1
+            out[n, 0], out[n, 1], out[n, 2] = i, w, theta

@@ -19,7 +19,7 @@ class Exact:
 
     The linear step is e^(A h) of the sliding motor; friction is the implicit step (Moreau 1988) d = clip(ω_free, ±c₁), which is
     exact unless the shaft stops or starts within the tick; such a tick is cut at its switching times.
-    `coefficients` (19,) are the kernels' for ticks of that length [s].
+    `coefficients` (22,) are the kernels' for ticks of that length [s].
     """
 
     coefficients: Array
@@ -48,7 +48,7 @@ class Exact:
 
 
 def coefficients(physics: Physics, h: float) -> Array:
-    """Return the kernels' coefficients (19,) for a tick h [s], as laid out in `servobench.rig.motor.kernels`.
+    """Return the kernels' coefficients (22,) for a tick h [s], as laid out in `servobench.rig.motor.kernels`.
 
     From E = e^(h A₅), A₅ the matrix of (i, ω, θ) with the held voltage and friction torque as two more states.
     """
@@ -60,6 +60,9 @@ def coefficients(physics: Physics, h: float) -> Array:
     r, l, k = physics.resistance, physics.inductance, physics.motor_constant
     j, b, tc = physics.inertia, physics.viscous_friction, physics.coulomb_torque
     c[n.R], c[n.L], c[n.K], c[n.J], c[n.B], c[n.TC], c[n.H] = r, l, k, j, b, tc, h
+    left = 1.0 - h * (b + k * k / r) / j
+    push = h / (j * left) if left > 0.0 else math.inf
+    c[n.PER_AMPERE], c[n.PER_VOLT], c[n.LEAST] = push * k, push * k / r, push * tc if tc else 0.0
     if l == 0:
         rate = (b + k * k / r) / j
         e, g = math.exp(-rate * h), -math.expm1(-rate * h) / rate
