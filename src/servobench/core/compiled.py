@@ -8,8 +8,10 @@ from contextlib import contextmanager, suppress
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite import ir
 from numba.core import types
 from numba.core.caching import FunctionCache
+from numba.core.cgutils import alloca_once
 from numba.core.event import Event, Listener, register, unregister
 from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
@@ -23,7 +25,7 @@ def compiled(function: F) -> F:
     Only contraction to fused multiply-adds is allowed: NaN and infinity keep their meaning. Where the code can't be kept, or
     what was kept can't be read, it is compiled anew; one warning a process says so, to the logger "servobench".
     """
-    return _compile(function, fastmath={"contract"}, _nrt=True)
+    return _compile(function, fastmath={"contract"}, _nrt=True, forceinline=False)
 
 
 def strictly_compiled(function: F) -> F:
@@ -31,20 +33,29 @@ def strictly_compiled(function: F) -> F:
 
     Such a function makes no arrays; so none is counted, which would take several times as long as a tick's arithmetic.
     """
-    return _compile(function, fastmath=set(), _nrt=False)
+    return _compile(function, fastmath=set(), _nrt=False, forceinline=False)
 
 
-def _keep_apart(typing: Any) -> Any:
-
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return types.none(), codegen
+def strictly_inlined(function: F) -> F:
+    """Compile as `strictly_compiled` does, as a part of each kernel that calls it."""
+    return _compile(function, fastmath=set(), _nrt=False, forceinline=True)
 
 
-keep_apart: Callable[[], None] = cast(Any, intrinsic)(_keep_apart)
-"""Keep the kernel that calls this from being compiled into its callers, where its sums might be rounded otherwise."""
+def stack_room(size: int) -> Callable[[], Any]:
+    """Return what a kernel calls for room for so many numbers of its own: without a length, and not cleared.
+
+    Where each index is a constant the numbers stand in registers, unlike those of an array, which others may see.
+    """
+
+    def room(typing: Any) -> Any:
+
+        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            numbers = alloca_once(builder, ir.ArrayType(ir.DoubleType(), size))
+            return builder.bitcast(numbers, ir.DoubleType().as_pointer())
+
+        return types.CPointer(types.float64)(), codegen
+
+    return cast(Callable[[], Any], cast(Any, intrinsic)(room))
 
 
 def _compile(function: F, **options: Any) -> F:

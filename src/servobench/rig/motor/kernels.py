@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from servobench.core.channels import Array
-from servobench.core.compiled import compiled
+from servobench.core.compiled import strictly_compiled, strictly_inlined
 
 # Layout of the coefficient array `c`, filled by `servobench.rig.motor.solvers.exact`.
 R, L, K, J, B, TC, H = 0, 1, 2, 3, 4, 5, 6
@@ -24,7 +24,7 @@ PER_AMPERE, PER_VOLT, LEAST = 19, 20, 21
 SIZE = 22
 
 
-@compiled
+@strictly_compiled
 def transition(m: float, d2: float, t: float) -> tuple[float, float]:
     """Return (c, s) with e^(A t) = c I + s (A - m I), for a 2 x 2 matrix A with half trace m and d2 = m² - det A.
 
@@ -43,7 +43,7 @@ def transition(m: float, d2: float, t: float) -> tuple[float, float]:
     return e * math.cos(d * t), e * t * (1.0 - (d * t) ** 2 / 6.0)
 
 
-@compiled
+@strictly_compiled
 def slide(
     c: Array, i: float, w: float, theta: float, v: float, s: float, t: float
 ) -> tuple[float, float, float]:
@@ -71,13 +71,13 @@ def slide(
     return i_end + di_new, w_end + dw_new, theta + w_end * t + area
 
 
-@compiled
+@strictly_compiled
 def acceleration(c: Array, i: float, w: float, s: float) -> float:
     """Return the acceleration of a shaft that slides in direction s."""
     return (c[K] * i - c[B] * w - s * c[TC]) / c[J]
 
 
-@compiled
+@strictly_compiled
 def extremum(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> float:
     """Return the time in (0, t_end) at which the sliding speed has its one extremum, where the acceleration changes its sign."""
     first = acceleration(c, i, w, s)
@@ -92,7 +92,7 @@ def extremum(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> 
     return 0.5 * (low + high)
 
 
-@compiled
+@strictly_compiled
 def stop_time(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> float:
     """Return the first time in (0, t_end] at which a shaft that slides in direction s comes to rest, or -1 where it doesn't."""
     low, high = 0.0, t_end
@@ -115,7 +115,7 @@ def stop_time(c: Array, i: float, w: float, v: float, s: float, t_end: float) ->
     return sliding_zero(c, i, w, v, s, low, high, guess)
 
 
-@compiled
+@strictly_compiled
 def sliding_zero(
     c: Array, i: float, w: float, v: float, s: float, low: float, high: float, guess: float
 ) -> float:
@@ -139,7 +139,7 @@ def sliding_zero(
     return high
 
 
-@compiled
+@strictly_compiled
 def breakaway(c: Array, i: float, v: float, t_end: float) -> tuple[float, float]:
     """Return (time, direction) at which a shaft at rest starts to slide; (t_end, 0) where it stays."""
     k, r, l, tc = c[K], c[R], c[L], c[TC]
@@ -154,7 +154,7 @@ def breakaway(c: Array, i: float, v: float, t_end: float) -> tuple[float, float]
     return (t, s) if t < t_end else (t_end, 0.0)
 
 
-@compiled
+@strictly_compiled
 def advance_switching(
     c: Array, i: float, w: float, theta: float, v: float, t_end: float
 ) -> tuple[float, float, float]:
@@ -180,14 +180,14 @@ def advance_switching(
     return i, w, theta
 
 
-@compiled
+@strictly_inlined
 def tick(c: Array, i: float, w: float, theta: float, v: float) -> tuple[float, float, float]:
     """Return the state one tick H later with a constant voltage v.
 
-    Where the speed w(t) reaches zero within the tick, it changes by |w| + |w'| at least, and never has more than that, M <= H a, at
-    an acceleration of a <= (k |i| + k (|v| + k M)/R + b M + T_c)/J: of a larger |w| + |w'| = s (w + w'), the tick has no switch.
+    Where the speed reaches zero within the tick, it changes by |w| + |w'| at least and by H a at most, and is at most M = H a,
+    the acceleration being a <= (k |i| + k (|v| + k M)/R + b M + T_c)/J. So a tick with a larger |w| + |w'| has no switch.
     """
-    s = math.copysign(1.0, w)
+    s = 1.0 if w > 0.0 else -1.0
     d = s * c[C1]
     w_new = (c[A10] * i + (c[B1] * v - d)) + c[A11] * w
     if not s * (w + w_new) > c[PER_AMPERE] * abs(i) + (c[PER_VOLT] * abs(v) + c[LEAST]):
@@ -196,19 +196,19 @@ def tick(c: Array, i: float, w: float, theta: float, v: float) -> tuple[float, f
     return (c[A01] * w + (c[B0] * v + c[G] * d)) + c[A00] * i, w_new, theta
 
 
-@compiled
+@strictly_compiled
 def simulate(c: Array, i: float, w: float, theta: float, v: Array, out: Array) -> None:
     """Fill `out` (N + 1, 3) with current, speed and angle at every tick for voltages v (N,), the first row the start.
 
-    The same as one `tick` after the other, with the coefficients in registers, and what friction does, which is constant while the
-    shaft slides one way, taken together.
+    The same as one `tick` after the other, with the coefficients in registers, and with what friction does while the shaft slides
+    one way, which is constant.
     """
     a00, a01, a10, a11, t0, t1 = c[A00], c[A01], c[A10], c[A11], c[T0], c[T1]
     b0, b1, tb, per_ampere, per_volt, least = c[B0], c[B1], c[TB], c[PER_AMPERE], c[PER_VOLT], c[LEAST]
     out[0, 0], out[0, 1], out[0, 2] = i, w, theta
     n = 0
     while n < len(v):
-        s = math.copysign(1.0, w)
+        s = 1.0 if w > 0.0 else -1.0
         to_i, to_w, to_theta = s * c[G] * c[C1], -s * c[C1], -s * c[Q] * c[C1]
         while n < len(v):
             u = v[n]
