@@ -46,14 +46,14 @@ def run_block(
     after: Array | None,
     references: Array,
     normals: Array,
-    shocks: Array,
+    factor: Array,
     rows: Array,
 ) -> int:
     """Do the ticks after the last one, one for each reference (N,), and return how many were ordinary; the rest isn't done.
 
     Changes `s`, the control law's state `x`, and the queue `coming` (M + N, 2) of which s says what is filled; `new` and `after`
-    are room for the next s and x. `normals` are drawn in advance, five a tick, or none; `shocks` (.., 3) is what each three in
-    a row make of a random torque.
+    are room for the next s and x. `normals` are drawn in advance, as many as the ticks may need; `factor` (3, 3) is what three
+    of them do as a random torque, (0, 3) without one.
     Fills a row for each tick: time, commanded, applied, counts, tachometer and current where there are any, time due, late,
     saturated, and the reference under control.
     """
@@ -70,7 +70,7 @@ def run_block(
         reference = references[done]
         for k in range(at.FIRST_POINT):
             ended[k] = begun[k]
-        if not latch(c, held, ended, coming, normals, shocks):
+        if not latch(c, held, ended, coming, normals, factor):
             break
         counts, time = int(ended[at.COUNTS]), ended[at.TIME]
         looked = held[at.POLARITY] != 0.0 and gather_impulse(held, ended)
@@ -98,11 +98,11 @@ def run_block(
 
 
 @strictly_inlined
-def latch(c: Array, p: Array, s: Array, coming: Array, normals: Array, shocks: Array) -> bool:
+def latch(c: Array, p: Array, s: Array, coming: Array, normals: Array, factor: Array) -> bool:
     """Carry the motor to the next tick, read it and check what was read; return False where that isn't ordinary."""
     s[at.INDEX] += 1.0
     now = s[at.INDEX] * p[at.TICK]
-    if not (now < math.inf and advance_to(c, p, s, coming, normals, shocks, now)):
+    if not (now < math.inf and advance_to(c, p, s, coming, normals, factor, now)):
         return False
     turned = np.floor(s[at.THETA] * p[at.COUNTS_PER_REV] / (2 * math.pi))
     if not -_FAR < turned < _FAR:
@@ -131,7 +131,7 @@ def control(
 
 @strictly_inlined
 def advance_to(
-    c: Array, p: Array, s: Array, coming: Array, normals: Array, shocks: Array, time: float
+    c: Array, p: Array, s: Array, coming: Array, normals: Array, factor: Array, time: float
 ) -> bool:
     """Carry the motor forward to a time, as `Plant.advance_to`; return False where that takes more than is here."""
     while s[at.FIRST_COMING] < s[at.COMING]:
@@ -139,14 +139,14 @@ def advance_to(
         if not coming[first, 0] <= time + SAME * p[at.TICK]:
             break
         s[at.FIRST_COMING] += 1.0
-        if not advance(c, p, s, normals, shocks, coming[first, 0]):
+        if not advance(c, p, s, normals, factor, coming[first, 0]):
             return False
         s[at.VOLTAGE] = coming[first, 1]
-    return advance(c, p, s, normals, shocks, time)
+    return advance(c, p, s, normals, factor, time)
 
 
 @strictly_inlined
-def advance(c: Array, p: Array, s: Array, normals: Array, shocks: Array, time: float) -> bool:
+def advance(c: Array, p: Array, s: Array, normals: Array, factor: Array, time: float) -> bool:
     """Carry the motor forward under one voltage."""
     h = p[at.TICK]
     while True:
@@ -161,11 +161,13 @@ def advance(c: Array, p: Array, s: Array, normals: Array, shocks: Array, time: f
             i, w, theta = motor.tick(c, i, w, theta, v)
         else:
             i, w, theta = motor.advance_switching(c, i, w, theta, v, step)
-        if len(shocks) > 0 and w != 0.0:
+        if len(factor) > 0 and w != 0.0:
             if step != h:
                 return False
-            drawn = int(s[at.DRAWS])
-            i, w, theta = i + shocks[drawn, 0], w + shocks[drawn, 1], theta + shocks[drawn, 2]
+            n = int(s[at.DRAWS])
+            i += factor[0, 0] * normals[n] + factor[0, 1] * normals[n + 1] + factor[0, 2] * normals[n + 2]
+            w += factor[1, 0] * normals[n] + factor[1, 1] * normals[n + 1] + factor[1, 2] * normals[n + 2]
+            theta += factor[2, 0] * normals[n] + factor[2, 1] * normals[n + 1] + factor[2, 2] * normals[n + 2]
             s[at.DRAWS] += 3.0
         s[at.CURRENT], s[at.SPEED], s[at.THETA] = i, w, theta
         s[at.PLANT_TIME] = time if left <= (1 + SAME) * h else s[at.PLANT_TIME] + step
