@@ -50,10 +50,10 @@ def stack_room(size: int) -> Callable[[], Any]:
     def room(typing: Any) -> Any:
 
         def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            numbers = alloca_once(builder, ir.ArrayType(ir.DoubleType(), size))
+            numbers = cast(Any, alloca_once)(builder, ir.ArrayType(ir.DoubleType(), size))
             return builder.bitcast(numbers, ir.DoubleType().as_pointer())
 
-        return types.CPointer(types.float64)(), codegen
+        return cast(Any, types.CPointer)(types.float64)(), codegen
 
     return cast(Callable[[], Any], cast(Any, intrinsic)(room))
 

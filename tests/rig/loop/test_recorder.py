@@ -44,14 +44,19 @@ def fill(recorder: Recorder, blocks: int) -> None:
 
 
 @pytest.mark.parametrize("blocks", [0, 1, 200])
-def test_a_file_and_memory_give_the_same(tmp_path: Path, blocks: int) -> None:
+@pytest.mark.parametrize("kept", [ToFile.MOST_KEPT, 10 * 2 * 3 * 8])
+def test_a_file_and_memory_give_the_same(
+    tmp_path: Path, blocks: int, kept: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the file gives back more than is kept: 10 blocks of two rows of three numbers."""
+    monkeypatch.setattr(ToFile, "MOST_KEPT", kept)
     found = []
     for recorder in (InMemory(OPENING), ToFile(OPENING, tmp_path / "a.mcap", patience=10)):
         fill(recorder, blocks)
         found.append(recorder.end(ENDED, ()))
         recorder.abandon()
 
-    assert found[0] == found[1]
+    assert found[0] == found[1] == read(tmp_path / "a.mcap")[0]
     assert found[0]["b"].values.tolist() == np.repeat(np.arange(float(blocks)), 2).tolist()
 
 
@@ -102,3 +107,14 @@ def test_what_is_abandoned_stays_readable(tmp_path: Path) -> None:
     recorder.abandon()
 
     assert len(read(tmp_path / "a.mcap.part")[0]["a"].values) == 10
+
+
+def test_rows_that_are_kept_stand_while_more_come() -> None:
+    """Also where there was no room for them."""
+    recorder = InMemory(OPENING, expected=3)
+    fill(recorder, 1)
+    first = recorder.end(ENDED, ())["a"].values
+    fill(recorder, 5)
+
+    assert first.tolist() == [0.0, 0.0]
+    assert recorder.end(ENDED, ())["a"].values.tolist() == [0.0, 0.0, *np.repeat(np.arange(5.0), 2)]

@@ -25,7 +25,8 @@ RECORD_HEAD = 9  # bytes: opcode and length
 LARGEST_CHUNK = 16 << 20  # bytes, decompressed; ours have a sixteenth, and none that is larger is read
 LARGEST_RECORD = 64 << 20  # bytes; no more is read into memory at once
 LATEST = 2**63 - 2**10  # ns; the largest double below 2**63, where other readers keep a signed number
-ZSTD_LEVEL = 3
+ZSTD_LEVEL = -3
+INDEX_ENTRY = 16  # bytes of a message in the index behind its chunk
 
 Messages: TypeAlias = NDArray[np.void]
 
@@ -139,12 +140,16 @@ _CHUNK_HEAD = struct.Struct(
 )  # first and last log time, decompressed size, checksum of what is decompressed
 
 
-def messages(number: int, first: int, log_time: NDArray[np.uint64], rows: Array) -> Messages:
-    """Return the message records of channel `number` for rows (N, C), counted on from `first`, at log times (N,) [ns]."""
-    layout = row_type(rows.shape[1])
-    out = np.empty(len(rows), layout)
+def messages(
+    number: int, first: int, log_time: NDArray[np.uint64], rows: Array, room: Messages | None = None
+) -> Messages:
+    """Return the message records of channel `number` for rows (N, C), counted on from `first`, at log times (N,) [ns].
+
+    They stand in `room`, if there is any: new memory for each chunk takes as long as filling it.
+    """
+    out = np.empty(len(rows), row_type(rows.shape[1])) if room is None else room[: len(rows)]
     out["op"] = Op.MESSAGE
-    out["length"] = layout.itemsize - RECORD_HEAD
+    out["length"] = out.itemsize - RECORD_HEAD
     out["channel"] = number
     out["sequence"] = _sequence(first, len(rows))
     out["log_time"] = out["publish_time"] = log_time
@@ -154,7 +159,7 @@ def messages(number: int, first: int, log_time: NDArray[np.uint64], rows: Array)
 
 
 def read_messages(data: bytes, number: int, first: int, columns: int) -> Array:
-    """Return the rows (N, C) of a chunk's bytes; raises `Damaged` unless they are the messages that have to come next."""
+    """Return the rows (N, C) in a chunk's bytes; raises `Damaged` unless they are the messages that have to come next."""
     layout = row_type(columns)
     if not data or len(data) % layout.itemsize:
         raise Damaged("a chunk holds no whole number of samples")
@@ -170,7 +175,8 @@ def read_messages(data: bytes, number: int, first: int, columns: int) -> Array:
     # Running numbers also bound what a small file may unpack to: they don't compress to less than some bytes a row.
     if (rows["sequence"] != _sequence(first, len(rows))).any():
         raise Damaged("samples are missing before a chunk")
-    return np.array(rows["values"], np.float64)
+    values: Array = rows["values"]
+    return values
 
 
 def log_time(t: Array, zero: float) -> NDArray[np.uint64]:
@@ -213,10 +219,15 @@ class Chunk:
         )
 
 
-def chunk(rows: Messages) -> Chunk:
+def compressor() -> zstandard.ZstdCompressor:
+    """Return what compresses one chunk after the other."""
+    return zstandard.ZstdCompressor(level=ZSTD_LEVEL)
+
+
+def chunk(rows: Messages, compressor: zstandard.ZstdCompressor) -> Chunk:
     """Return message records, at least one and all of one channel, as a compressed chunk."""
-    raw = rows.tobytes()
-    packed = zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(raw)
+    raw = rows.view(np.uint8).data
+    packed = compressor.compress(raw)
     times = rows["log_time"]
     start, end, number = int(times.min()), int(times.max()), int(rows["channel"][0])
     body = record(
@@ -229,7 +240,8 @@ def chunk(rows: Messages) -> Chunk:
     entries = np.empty(len(rows), [("log_time", "<u8"), ("offset", "<u8")])
     entries["log_time"] = times
     entries["offset"] = np.arange(len(rows)) * rows.itemsize
-    entries.sort(order="log_time", kind="stable")
+    if np.any(times[1:] < times[:-1]):
+        entries.sort(order="log_time", kind="stable")
     index = record(Op.MESSAGE_INDEX, struct.pack("<H", number), prefix_length(entries.tobytes()))
     return Chunk(
         record=body,

@@ -52,6 +52,7 @@ class McapFile:
         self._chunks = bytearray()  # index records; a list of them would take several times the memory
         self._chunk_count = 0
         self._span: tuple[int, int] | None = None
+        self._compressor = mcap.compressor()
         self._failure = ""
         self._file = _new_file(self.part)
         hold(self._file)  # without locks, other processes can't see that the file is being written
@@ -95,7 +96,7 @@ class McapFile:
 
     def add_messages(self, messages: mcap.Messages) -> None:
         """Write messages, at least one and all of one channel, as one chunk."""
-        chunk = mcap.chunk(messages)
+        chunk = mcap.chunk(messages, self._compressor)
         index = chunk.index(self._size)
         self._put(chunk.record + chunk.message_index)
         self._chunks += index

@@ -57,6 +57,7 @@ class RecordingWriter:
         self._topics: dict[str, int] = {}
         self._opening: Opening | None = None
         self._events = 0
+        self._rooms: dict[int, mcap.Messages] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -120,7 +121,8 @@ class RecordingWriter:
         target = opening.groups[group]
         if rows.ndim != 2 or rows.shape[1] != target.columns:
             raise UsageError(f"{target.topic}: rows of shape {rows.shape}; expected (N, {target.columns})")
-        most = max(1, min(MOST_ROWS, CHUNK_BYTES // mcap.row_type(target.columns).itemsize))
+        room = self._room(target.columns)
+        most = len(room)
         for start in range(0, len(rows), most):
             block = rows[start : start + most]
             first = self._file.count(target.number)
@@ -128,7 +130,7 @@ class RecordingWriter:
                 times = mcap.log_time(block[:, 0], opening.log_time_zero)
             else:
                 times = np.arange(first, first + len(block), dtype=np.uint64)
-            self._file.add_messages(mcap.messages(target.number, first, times, block))
+            self._file.add_messages(mcap.messages(target.number, first, times, block, room))
 
     def event(self, event: Event) -> None:
         """Write what happened; before the samples that it concerns, so that a torn file has no sample without it."""
@@ -150,6 +152,14 @@ class RecordingWriter:
     def abandon(self) -> None:
         """Leave the part as it is; never raises, and does nothing to a closed file."""
         self._file.abandon()
+
+    def _room(self, columns: int) -> mcap.Messages:
+        """Room for the largest chunk of rows of so many columns, used again and again."""
+        if columns not in self._rooms:
+            layout = mcap.row_type(columns)
+            most = max(1, min(MOST_ROWS, CHUNK_BYTES // layout.itemsize))
+            self._rooms[columns] = np.empty(most, layout)
+        return self._rooms[columns]
 
     def _make_opening(self) -> Opening:
         if self._opening is None:

@@ -10,14 +10,13 @@ from queue import Full, Queue
 from threading import Thread
 from typing import Protocol
 
-import numpy as np
-
 from servobench.core.channels import Array
 from servobench.core.errors import StorageError
 from servobench.core.finding import Finding
 from servobench.recordings.native.reader import read
 from servobench.recordings.native.writer import RecordingWriter, Together
 from servobench.recordings.recording import Recording, Series, Stopped
+from servobench.recordings.row_store import RowStore
 
 
 class Recorder(Protocol):
@@ -41,21 +40,19 @@ class Recorder(Protocol):
 
 
 class InMemory:
-    """Keeps the rows in memory. `opening` is what is known of the recording, with empty series."""
+    """Keeps the rows in memory, `expected` many. `opening` is what is known of the recording, with empty series."""
 
-    def __init__(self, opening: Recording) -> None:
+    def __init__(self, opening: Recording, expected: int = 0) -> None:
         self._opening = opening
-        self._blocks = [np.empty((0, 1 + len(opening.series)))]
+        self._rows = RowStore(1 + len(opening.series), expected)
 
     def append(self, rows: Array) -> None:
         """Keep rows (N, 1 + C): the time [s] and a value of each channel."""
-        self._blocks.append(rows)
+        self._rows.append(rows)
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> Recording:
-        """Put the blocks together."""
-        t, *columns = (
-            np.concatenate([block[:, k] for block in self._blocks]) for k in range(self._blocks[0].shape[1])
-        )
+        """Return the rows so far as a recording."""
+        t, *columns = self._rows.columns
         series = tuple(
             Series(channel=each.channel, values=values, t=t)
             for each, values in zip(self._opening.series, columns, strict=True)
@@ -64,7 +61,7 @@ class InMemory:
 
     def abandon(self) -> None:
         """Forget the rows."""
-        self._blocks.clear()
+        self._rows = RowStore(1 + len(self._opening.series))
 
     def discard(self) -> None:
         """Forget the rows."""
@@ -74,19 +71,25 @@ class InMemory:
 class ToFile:
     """Streams the rows to a native file, by a thread of its own: the loop doesn't wait for the disk.
 
+    It keeps them, too, to give the recording in the end; those of a recording above MOST_KEPT bytes are read back instead.
     `patience` is how long `append` waits where the disk is many blocks behind [s]; then it raises `StorageError`. It is 0 where a
     motor turns meanwhile. Raises what `RecordingWriter` raises where the file can't be begun.
     """
 
     BLOCKS_BEHIND = 64
+    MOST_KEPT = 128 << 20
 
-    def __init__(self, opening: Recording, path: str | os.PathLike[str], *, patience: float) -> None:
+    def __init__(
+        self, opening: Recording, path: str | os.PathLike[str], *, patience: float, expected: int = 0
+    ) -> None:
         self._path = Path(path)
         self._patience = patience
         self._writer = RecordingWriter(path)
         self._writer.begin(opening, [Together(channels=tuple(each.channel.name for each in opening.series))])
         self._blocks: Queue[Array | None] = Queue(self.BLOCKS_BEHIND)
         self._failure: BaseException | None = None
+        self._left = self.MOST_KEPT // (8 * (1 + len(opening.series)))  # rows that may yet be kept
+        self._kept: InMemory | None = InMemory(opening, min(expected, self._left))
         # A daemon, so that a disk that hangs doesn't keep the program from ending.
         self._thread = Thread(target=self._write, name="servobench recorder", daemon=True)
         self._thread.start()
@@ -103,7 +106,7 @@ class ToFile:
             ) from None
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> Recording:
-        """Wait for the last row to be written, finish the file and read it back."""
+        """Wait for the last row to be written, finish the file and return what it holds."""
         self._blocks.put(None)
         self._thread.join()
         try:
@@ -112,6 +115,8 @@ class ToFile:
             self._writer.close()
         finally:
             self._writer.abandon()
+        if self._kept is not None:
+            return self._kept.end(stopped, findings)
         (recording,) = read(self._path)
         return recording
 
@@ -139,5 +144,14 @@ class ToFile:
             if self._failure is None:
                 try:
                     self._writer.append(0, rows)
+                    self._keep(rows)
                 except BaseException as error:
                     self._failure = error
+
+    def _keep(self, rows: Array) -> None:
+        """Keep what is written, unless that takes too much memory."""
+        self._left -= len(rows)
+        if self._left < 0:
+            self._kept = None
+        elif self._kept is not None:
+            self._kept.append(rows)

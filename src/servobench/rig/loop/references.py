@@ -26,6 +26,7 @@ class References:
         self._sample_time = sample_time
         self._first_tick = begin.index if begin else 0
         self._moved_before = self._shift_at(begin) if begin else 0
+        self._values: list[float] | None = None  # of the array, as one tick after the other takes them
         self._evaluate(self._first_tick, self._moved_before, BLOCK)
 
     def at(self, tick: Tick) -> float:
@@ -59,4 +60,4 @@ class References:
             )
         self._first, self._moved = first, moved
         self._array: Array = values
-        self._values: list[float] | None = None  # the same, as one tick after the other takes them
+        self._values = None

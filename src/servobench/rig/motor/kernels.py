@@ -74,7 +74,7 @@ def slide(
 @strictly_compiled
 def acceleration(c: Array, i: float, w: float, s: float) -> float:
     """Return the acceleration of a shaft that slides in direction s."""
-    return (c[K] * i - c[B] * w - s * c[TC]) / c[J]
+    return float((c[K] * i - c[B] * w - s * c[TC]) / c[J])
 
 
 @strictly_compiled
