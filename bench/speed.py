@@ -5,7 +5,7 @@ medians and quartiles are those of the ratios. The C is bench/speed_parts/twin.c
 its pointers made beforehand. Unlike the twin, it cuts no tick where the shaft stops or turns back.
 
     python bench/speed.py           the figures
-    python bench/speed.py --write   docs/benchmarks/speed.md
+    python bench/speed.py --write   docs/benchmarks/speed.md, and an entry for each of `KEPT` in bench/history.csv
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one core, before NumPy is impor
 
 import numpy as np
 from figures import Figure, shown
+from history import Timing, keep, timed
 
 import servobench as sb
 from servobench.core.channels import Array
@@ -61,6 +62,19 @@ class Size:
 
 FULL = Size(ticks=1_000_000, by_ticks=20_000, short=5_000, pairs=9, commands=5)
 SMALLEST = Size(ticks=3_000, by_ticks=1_500, short=500, pairs=2, commands=0)
+
+
+KEPT = (
+    "the twin's kernel, over C",
+    "run in memory, open loop, over C",
+    "run in memory, PID of the position, over C",
+    "run in memory, noise of torque, current and speed, over C",
+    "run recorded to MCAP, open loop, over C",
+)
+"""What of it is kept in bench/history.csv, at a size of its own."""
+POSITION = Pid(kp=2.0, ki=0.3, kd=0.05)
+KEPT_TICKS, KEPT_PAIRS = 200_000, 9
+NOISY = {"torque_noise": 2e-5, "current_noise": 0.01, "tachometer": True, "tachometer_noise": 0.3}
 
 
 class InC:
@@ -141,8 +155,8 @@ def against_c(size: Size, folder: Path) -> list[Figure]:
         nanoseconds("textbook C, a tick", twin.textbook, size.ticks, size.pairs),
         nanoseconds("best C, a tick", twin.free_state, size.ticks, size.pairs),
         nanoseconds("the twin's kernel, a tick", kernel, size.ticks, size.pairs),
-        ratio("the twin's kernel, over textbook C", kernel, twin.textbook, size.pairs),
-        ratio("the twin's kernel, over the best C", kernel, twin.free_state, size.pairs),
+        ratio("the twin's kernel, over textbook C", kernel, twin.textbook, size.pairs, goal="0.75"),
+        ratio("the twin's kernel, over the best C", kernel, twin.free_state, size.pairs, goal="1.1"),
     ]
     plain = coefficients(motor(coulomb_torque=0.0, viscous_friction=1e-6), STEP)
     linear = InC(folder, plain, u)
@@ -157,11 +171,10 @@ def against_runs(size: Size, folder: Path) -> list[Figure]:
     """Return what a tick of a run costs, recorded and guarded: in blocks and tick by tick, in memory and in a file, against C."""
     c, u = coefficients(motor(), STEP), reference_voltage(size.ticks)
     twin = InC(folder, c, u)
-    noisy = {"torque_noise": 2e-5, "current_noise": 0.01, "tachometer": True, "tachometer_noise": 0.3}
     kinds: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
         "open loop": ({}, {}),
-        "PID of the position": ({"controller": Pid(kp=2.0, ki=0.3, kd=0.05)}, {}),
-        "noise of torque, current and speed": ({}, noisy),
+        "PID of the position": ({"controller": POSITION}, {}),
+        "noise of torque, current and speed": ({}, NOISY),
     }
     found = []
     for kind, (experiment, settings) in kinds.items():
@@ -177,7 +190,7 @@ def against_runs(size: Size, folder: Path) -> list[Figure]:
     to_file = partial(carry_out, {}, {}, size.ticks, to=folder / "run.mcap")
     return [
         *found,
-        nanoseconds("run recorded to MCAP and read back, open loop, a tick", to_file, size.ticks, size.pairs),
+        nanoseconds("run recorded to MCAP, open loop, a tick", to_file, size.ticks, size.pairs),
         ratio(
             "run in memory, open loop, over the best C",
             partial(carry_out, {}, {}, size.ticks),
@@ -192,6 +205,24 @@ def against_runs(size: Size, folder: Path) -> list[Figure]:
             goal="40",
         ),
     ]
+
+
+def measurements(folder: Path) -> dict[str, Callable[[], Timing]]:
+    """Return what measures each of `KEPT`, beside the best C, with its files in a folder."""
+    c, u = coefficients(motor(), STEP), reference_voltage(KEPT_TICKS)
+    held, out = np.clip(u, -LIMIT, LIMIT), np.empty((KEPT_TICKS + 1, 3))
+    twin = InC(folder, c, u)
+    calls = (
+        partial(simulate, c, 0.0, 0.0, 0.0, held, out),
+        partial(carry_out, {}, {}, KEPT_TICKS),
+        partial(carry_out, {"controller": POSITION}, {}, KEPT_TICKS),
+        partial(carry_out, {}, NOISY, KEPT_TICKS),
+        partial(carry_out, {}, {}, KEPT_TICKS, to=folder / "kept.mcap"),
+    )
+    return {
+        what: partial(timed, call, KEPT_PAIRS, twin.free_state)
+        for what, call in zip(KEPT, calls, strict=True)
+    }
 
 
 def carry_out(
@@ -346,10 +377,14 @@ def page(figures: list[Figure]) -> str:
 def command(words: list[str]) -> int:
     """Show the figures, and write the page if that is asked for."""
     parser = argparse.ArgumentParser(description="What a tick of a simulated run costs.")
-    parser.add_argument("--write", action="store_true", help="write docs/benchmarks/speed.md")
+    parser.add_argument(
+        "--write", action="store_true", help="write docs/benchmarks/speed.md, and append to bench/history.csv"
+    )
     asked, figures = parser.parse_args(words), main()
     if asked.write and figures:
         PAGE.write_text(page(figures), encoding="utf-8")
+        with tempfile.TemporaryDirectory() as folder:
+            keep({what: measure() for what, measure in measurements(Path(folder)).items()})
     return shown(figures)
 
 

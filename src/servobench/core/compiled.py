@@ -10,11 +10,13 @@ from typing import Any, TypeVar, cast
 import numba
 from llvmlite import ir
 from numba.core import types
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.cgutils import alloca_once
 from numba.core.event import Event, Listener, register, unregister
 from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
+
+from servobench.core.kernel_sources import source_stamp
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -61,14 +63,20 @@ def stack_room(size: int) -> Callable[[], Any]:
 def _compile(function: F, **options: Any) -> F:
     dispatcher = numba.njit(nogil=True, error_model="numpy", **options)(function)
     try:
-        cast(Any, dispatcher)._cache = _Cache(function)  # type: ignore[no-untyped-call]
+        cast(Any, dispatcher)._cache = _Cache(function)
     except (RuntimeError, OSError):  # no folder that can be written to, or one that can't be looked at
         _warn("compiled code can't be kept, as neither the package nor the home folder can be written to")
     return cast(F, dispatcher)
 
 
 class _Cache(FunctionCache):
-    """Numba's cache of one function, which may fail: no result depends on it."""
+    """Numba's cache of one function, which may fail: no result depends on it. A change of any kernel that it calls renews it."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        self._cache_file = cast(Any, IndexDataCacheFile)(
+            self._cache_path, self._impl.filename_base, source_stamp(function.__module__)
+        )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what was kept, None if there is nothing or it can't be read; a damaged index is replaced."""

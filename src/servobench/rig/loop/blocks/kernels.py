@@ -7,9 +7,6 @@ a shaft that may be running away) isn't done: the block ends before it, and `run
 The numbers p (P,) and the state s (S,) are laid out in `servobench.rig.devices.handover`, c (19,) are the motor's coefficients.
 Of a control law x (X,) is the state, `gains` (G,) are its numbers, and `after` (X,) is the next state. `coming` (M, 2) has the
 voltages that are yet to act, `normals` (R,) normal numbers, and `rows` (N, C) what is recorded. Everything is in SI units.
-
-What is kept on disk of the compiled code is renewed by a change of this file, not of the kernels that it calls: after one of
-those delete `__pycache__`.
 """
 
 from __future__ import annotations
