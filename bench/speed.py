@@ -5,6 +5,7 @@ medians and quartiles are those of the ratios. The C is bench/speed_parts/twin.c
 its pointers made beforehand. Unlike the twin, it cuts no tick where the shaft stops or turns back.
 
     python bench/speed.py           the figures
+    python bench/speed.py --jax PYTHON --write   the same with JAX's scan, in an environment that has it (bench/peers)
     python bench/speed.py --write   docs/benchmarks/speed.md, and an entry for each of `KEPT` in bench/history.csv
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import json
 import os
 import platform
 import shutil
@@ -277,6 +279,31 @@ def against_peers(size: Size) -> list[Figure]:
     ]
 
 
+def against_jax(size: Size, python: str) -> list[Figure]:
+    """Return how many times as long JAX takes for the same motor, in a process of its own, compiled before."""
+    c = coefficients(motor(), STEP)
+    u, out = np.clip(reference_voltage(size.short), -LIMIT, LIMIT), np.empty((size.short + 1, 3))
+    words = [python, str(FOLDER / "speed_parts" / "jax_scan.py")]
+    found = []
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer:
+        assert peer.stdin is not None
+        assert peer.stdout is not None
+        for line in (c[A00 : A00 + 12].tolist(), u.tolist()):
+            print(json.dumps(line), file=peer.stdin, flush=True)
+        for turn in range(1 + KERNEL_CALLS * size.pairs):
+            print(file=peer.stdin, flush=True)
+            theirs = float(peer.stdout.readline())
+            start = time.process_time()
+            for _ in range(KERNEL_CALLS):
+                simulate(c, 0.0, 0.0, 0.0, u, out)
+            ours = (time.process_time() - start) / KERNEL_CALLS
+            if turn:
+                found.append(theirs / ours)
+    low, middle, high = statistics.quantiles(found, n=4)
+    what = f"JAX scan, {size.short} samples, over the twin's kernel"
+    return [Figure(what=what, value=middle, half=(low, high), unit="times", goal="3")]
+
+
 def identifications(size: Size) -> list[Figure]:
     """Return what an identification costs, everything on, of a recording that is loaded."""
     with sb.connect("twin", torque_noise=1e-6) as twin:
@@ -317,8 +344,8 @@ def commands(size: Size) -> list[Figure]:
     ]
 
 
-def main(size: Size = FULL) -> list[Figure]:
-    """Return the figures of this bench; none where there is no compiler to compare with."""
+def main(size: Size = FULL, jax: str = "") -> list[Figure]:
+    """Return the figures of this bench; none where there is no compiler to compare with. `jax` is a Python that has JAX."""
     if shutil.which("gcc") is None:
         print("speed: gcc isn't installed: nothing was measured", file=sys.stderr)
         return []
@@ -327,6 +354,7 @@ def main(size: Size = FULL) -> list[Figure]:
             *against_c(size, Path(folder)),
             *against_runs(size, Path(folder)),
             *against_peers(size),
+            *(against_jax(size, jax) if jax else ()),
             *identifications(size),
             *commands(size),
         ]
@@ -362,8 +390,10 @@ def page(figures: list[Figure]) -> str:
             "",
             "Processor time of all threads, medians and the middle half; ratios are formed within pairs measured in turn.",
             "The runs have the guard on.",
-            "The C solves the same motor, but cuts no tick where the shaft stops or turns back, as the twin does.",
-            "Its voltage reverses the shaft often, which costs the twin more than the paper's square wave.",
+            "The C solves the same motor and stores current, speed and counts of each tick, the kernel current, speed and angle.",
+            "The C takes the friction of a tick as one impulse. The kernel cuts a tick where the shaft stops or turns back, which is "
+            "more work; its other ticks are linear, and have no impulse to clip, which is less.",
+            "The voltage reverses the shaft five times in two seconds; the paper's square wave never does.",
             "SciPy and python-control solve the motor without friction, limit and encoder.",
             "",
             "| what | median | half of all | limit, goal |",
@@ -380,7 +410,11 @@ def command(words: list[str]) -> int:
     parser.add_argument(
         "--write", action="store_true", help="write docs/benchmarks/speed.md, and append to bench/history.csv"
     )
-    asked, figures = parser.parse_args(words), main()
+    parser.add_argument(
+        "--jax", default="", metavar="PYTHON", help="compare with JAX, by a Python that has it"
+    )
+    asked = parser.parse_args(words)
+    figures = main(jax=asked.jax)
     if asked.write and figures:
         PAGE.write_text(page(figures), encoding="utf-8")
         with tempfile.TemporaryDirectory() as folder:

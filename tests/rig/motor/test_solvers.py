@@ -125,7 +125,8 @@ def test_the_shaft_is_cut_where_its_speed_first_reaches_zero(motor: str) -> None
         w, i, v = random.uniform(-5.0, 5.0), random.uniform(-1.2, 1.2), random.uniform(-10.0, 10.0)
         s = np.copysign(1.0, w)
         seen = np.array([s * kernels.slide(c, i, w, 0.0, v, s, t)[1] for t in times])
-        found = kernels.stop_time(c, i, w, v, s, H)
+        i_end, w_end, _ = kernels.slide(c, i, w, 0.0, v, s, H)
+        found = kernels.stop_time(c, i, w, v, s, H, i_end, w_end)
         if found < 0.0:
             # Between two points it may dip below zero by a parabola of the largest acceleration at most.
             assert seen.min() > -0.125 * np.abs(np.diff(seen, 2)).max()

@@ -5,7 +5,7 @@ Coulomb friction makes it switch between three such phases: sliding forwards, sl
 surely doesn't reach zero is one matrix product, with the whole Coulomb torque against the motion; any other is cut at its
 switching times.
 
-The coefficients c (22,) are laid out below. The current i is in A, the speed w in rad/s, the angle theta in rad, the voltage v
+The coefficients c (33,) are laid out below. The current i is in A, the speed w in rad/s, the angle theta in rad, the voltage v
 in V, times are in s.
 """
 
@@ -21,7 +21,9 @@ R, L, K, J, B, TC, H = 0, 1, 2, 3, 4, 5, 6
 A00, A01, B0, A10, A11, B1, T0, T1, TB, C1, G, Q = 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18
 # The speed can't reach zero in a tick where s (ω + ω') > PER_AMPERE |i| + PER_VOLT |v| + LEAST, see `tick`.
 PER_AMPERE, PER_VOLT, LEAST = 19, 20, 21
-SIZE = 22
+# While it slides: A of (i, ω), half its trace M, D² = M² - det A, and the steady i and ω for each volt and each newton metre.
+AII, AIW, AWI, AWW, M, D2, DET, I_V, I_T, W_V, W_T = 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32
+SIZE = 33
 
 
 @strictly_compiled
@@ -48,26 +50,22 @@ def slide(
     c: Array, i: float, w: float, theta: float, v: float, s: float, t: float
 ) -> tuple[float, float, float]:
     """Return the state after sliding for a time t with friction opposing the direction s (±1) and a constant voltage v."""
-    r, l, k, j, b = c[R], c[L], c[K], c[J], c[B]
     torque = s * c[TC]
     # Steady state: v = R i + k w and k i = b w + torque.
-    w_end = (k * v - r * torque) / (r * b + k * k)
-    i_end = (b * v + k * torque) / (r * b + k * k)
-    if l == 0.0:
-        rate = (b + k * k / r) / j
+    w_end = c[W_V] * v - c[W_T] * torque
+    i_end = c[I_V] * v + c[I_T] * torque
+    if c[L] == 0.0:
+        rate = (c[B] + c[K] * c[K] / c[R]) / c[J]
         dw = w - w_end
         w_new = w_end + dw * math.exp(-rate * t)
         theta += w_end * t - dw * math.expm1(-rate * t) / rate
-        return (v - k * w_new) / r, w_new, theta
-    a00, a01, a10, a11 = -r / l, -k / l, k / j, -b / j
-    m = 0.5 * (a00 + a11)
-    cc, ss = transition(m, m * m - (a00 * a11 - a01 * a10), t)
+        return (v - c[K] * w_new) / c[R], w_new, theta
+    cc, ss = transition(c[M], c[D2], t)
     di, dw = i - i_end, w - w_end
-    di_new = cc * di + ss * ((a00 - m) * di + a01 * dw)
-    dw_new = cc * dw + ss * (a10 * di + (a11 - m) * dw)
+    di_new = cc * di + ss * ((c[AII] - c[M]) * di + c[AIW] * dw)
+    dw_new = cc * dw + ss * (c[AWI] * di + (c[AWW] - c[M]) * dw)
     # ∫ dw = row 2 of A^-1 (d(t) - d(0)).
-    det = a00 * a11 - a01 * a10
-    area = (a00 * (dw_new - dw) - a10 * (di_new - di)) / det
+    area = (c[AII] * (dw_new - dw) - c[AWI] * (di_new - di)) / c[DET]
     return i_end + di_new, w_end + dw_new, theta + w_end * t + area
 
 
@@ -93,10 +91,14 @@ def extremum(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> 
 
 
 @strictly_compiled
-def stop_time(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> float:
-    """Return the first time in (0, t_end] at which a shaft that slides in direction s comes to rest, or -1 where it doesn't."""
+def stop_time(
+    c: Array, i: float, w: float, v: float, s: float, t_end: float, i_end: float, w_end: float
+) -> float:
+    """Return the first time in (0, t_end] at which a shaft that slides in direction s comes to rest, or -1 where it doesn't.
+
+    With i_end and w_end it would slide on at t_end.
+    """
     low, high = 0.0, t_end
-    i_end, w_end, _ = slide(c, i, w, 0.0, v, s, t_end)
     slowed, speeds_up = s * acceleration(c, i, w, s) < 0.0, s * acceleration(c, i_end, w_end, s) > 0.0
     guess = t_end * w / (w - w_end)  # of a constant acceleration
     if s * w_end > 0.0:  # then it stops only if it is slower in between than at both ends
@@ -165,13 +167,17 @@ def advance_switching(
     for _ in range(64):
         if w == 0.0:
             t, s = breakaway(c, i, v, left)
-            i = v / c[R] + (i - v / c[R]) * math.exp(-t * c[R] / c[L]) if c[L] > 0.0 else v / c[R]
+            if c[L] == 0.0:
+                i = v / c[R]
+            elif t > 0.0:
+                i = v / c[R] + (i - v / c[R]) * math.exp(-t * c[R] / c[L])
             left -= t
             if s == 0.0 or left <= 0.0:
                 return i, 0.0, theta
-        t = stop_time(c, i, w, v, s, left)
+        i_end, w_end, theta_end = slide(c, i, w, theta, v, s, left)
+        t = stop_time(c, i, w, v, s, left, i_end, w_end)
         if t < 0.0:
-            return slide(c, i, w, theta, v, s, left)
+            return i_end, w_end, theta_end
         i, w, theta = slide(c, i, w, theta, v, s, t)
         w = 0.0
         left -= t
