@@ -391,8 +391,9 @@ def page(figures: list[Figure]) -> str:
             "Processor time of all threads, medians and the middle half; ratios are formed within pairs measured in turn.",
             "The runs have the guard on.",
             "The C solves the same motor and stores current, speed and counts of each tick, the kernel current, speed and angle.",
-            "The C takes the friction of a tick as one impulse. The kernel cuts a tick where the shaft stops or turns back: more work.",
-            "Its other ticks are linear, and have no impulse to clip: less work.",
+            "The C takes the friction of a tick as one impulse.",
+            "The kernel cuts a tick where the shaft stops or turns back, which is more work; its other ticks are linear, and have no "
+            "impulse to clip, which is less.",
             "The voltage reverses the shaft five times in two seconds; the paper's square wave never does.",
             "SciPy and python-control solve the motor without friction, limit and encoder.",
             "",
