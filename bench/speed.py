@@ -392,8 +392,8 @@ def page(figures: list[Figure]) -> str:
             "The runs have the guard on.",
             "The C solves the same motor and stores current, speed and counts of each tick, the kernel current, speed and angle.",
             "The C takes the friction of a tick as one impulse.",
-            "The kernel cuts a tick where the shaft stops or turns back, which is more work; its other ticks are linear, and have no "
-            "impulse to clip, which is less.",
+            "The kernel cuts a tick where the shaft stops or turns back, which is more work.",
+            "Its other ticks are linear, and have no impulse to clip, which is less.",
             "The voltage reverses the shaft five times in two seconds; the paper's square wave never does.",
             "SciPy and python-control solve the motor without friction, limit and encoder.",
             "",
