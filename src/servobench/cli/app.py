@@ -100,7 +100,10 @@ _COMMANDS: tuple[Callable[..., None], ...] = (
 
 
 def application(words: Sequence[str] = ()) -> typer.Typer:
-    """Return all commands as one application, or the one that the words ask for alone, if it is one: typer looks at each."""
+    """Return all commands as one application, or the one that the words ask for alone: typer looks at each.
+
+    `completion` is never alone, as it lists the others.
+    """
     made = typer.Typer(
         name="servobench",
         rich_markup_mode=None,  # plain text, the same on every terminal and in the stored help
@@ -109,7 +112,8 @@ def application(words: Sequence[str] = ()) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"], "terminal_width": 80},
     )
     made.callback(epilog=_STATUSES)(servobench)
-    alone = [command for command in _COMMANDS if [command.__name__] == list(words[:1])]
+    own = [command for command in _COMMANDS if command is not completion]
+    alone = [command for command in own if [command.__name__] == list(words[:1])]
     for command in alone or _COMMANDS:
         made.command()(command)
     for group in () if alone else (fleet, lab):

@@ -98,7 +98,7 @@ class McapFile:
         """Write messages, at least one and all of one channel, as one chunk."""
         chunk = mcap.chunk(messages, self._compressor)
         index = chunk.index(self._size)
-        self._put(chunk.record + chunk.message_index)
+        self._put(chunk.record, chunk.message_index)
         self._chunks += index
         self._chunk_count += 1
         self._counts[chunk.number] += len(messages)
@@ -153,13 +153,14 @@ class McapFile:
         records = [*schemas, *self._channels.values(), statistics, bytes(self._chunks), *self._metadata]
         return mcap.summary(self._size, records)
 
-    def _put(self, data: bytes) -> None:
+    def _put(self, *records: bytes) -> None:
         if self._failure:
             raise StorageError(self._failure)
         if self._file.closed:
             raise UsageError(f"{self.path} is closed: nothing more can be written to it")
         try:
-            self._file.write(data)
+            for record in records:
+                self._file.write(record)
             self._file.flush()
             now = self._now()
             if now - self._synced >= SYNC_INTERVAL:
@@ -168,8 +169,9 @@ class McapFile:
                 self._synced = now
         except OSError as error:
             raise self._storage_error(error) from error
-        self._crc = zlib.crc32(data, self._crc)
-        self._size += len(data)
+        for record in records:
+            self._crc = zlib.crc32(record, self._crc)
+            self._size += len(record)
 
     def _stay_reachable(self) -> None:
         """Go on elsewhere where the part's name no longer leads to it: what has no name is gone with this process."""

@@ -148,7 +148,7 @@ class _Scan:
 
 def _collect(file: BinaryIO, size: int) -> _Scan:
     """Take what is right, up to the end of the data or the first thing that isn't."""
-    found = _Scan()
+    found, decompressor = _Scan(), mcap.decompressor()
     try:
         for op, body, end in _records(file, size):
             if op == Op.METADATA:
@@ -156,7 +156,7 @@ def _collect(file: BinaryIO, size: int) -> _Scan:
             elif op == Op.CHUNK:
                 if not found.recordings:
                     raise Damaged("a chunk comes before any recording")
-                found.recordings[-1].add(mcap.read_chunk(body), len(body), size)
+                found.recordings[-1].add(mcap.read_chunk(body, decompressor), len(body), size)
             found.right = end
             if op == Op.DATA_END:
                 return found

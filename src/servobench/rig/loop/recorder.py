@@ -71,25 +71,19 @@ class InMemory:
 class ToFile:
     """Streams the rows to a native file, by a thread of its own: the loop doesn't wait for the disk.
 
-    It keeps them, too, to give the recording in the end; those of a recording above MOST_KEPT bytes are read back instead.
     `patience` is how long `append` waits where the disk is many blocks behind [s]; then it raises `StorageError`. It is 0 where a
     motor turns meanwhile. Raises what `RecordingWriter` raises where the file can't be begun.
     """
 
     BLOCKS_BEHIND = 64
-    MOST_KEPT = 128 << 20
 
-    def __init__(
-        self, opening: Recording, path: str | os.PathLike[str], *, patience: float, expected: int = 0
-    ) -> None:
+    def __init__(self, opening: Recording, path: str | os.PathLike[str], *, patience: float) -> None:
         self._path = Path(path)
         self._patience = patience
         self._writer = RecordingWriter(path)
         self._writer.begin(opening, [Together(channels=tuple(each.channel.name for each in opening.series))])
         self._blocks: Queue[Array | None] = Queue(self.BLOCKS_BEHIND)
         self._failure: BaseException | None = None
-        self._left = self.MOST_KEPT // (8 * (1 + len(opening.series)))  # rows that may yet be kept
-        self._kept: InMemory | None = InMemory(opening, min(expected, self._left))
         # A daemon, so that a disk that hangs doesn't keep the program from ending.
         self._thread = Thread(target=self._write, name="servobench recorder", daemon=True)
         self._thread.start()
@@ -106,7 +100,7 @@ class ToFile:
             ) from None
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> Recording:
-        """Wait for the last row to be written, finish the file and return what it holds."""
+        """Wait for the last row to be written, finish the file and read it back."""
         self._blocks.put(None)
         self._thread.join()
         try:
@@ -115,8 +109,6 @@ class ToFile:
             self._writer.close()
         finally:
             self._writer.abandon()
-        if self._kept is not None:
-            return self._kept.end(stopped, findings)
         (recording,) = read(self._path)
         return recording
 
@@ -144,14 +136,5 @@ class ToFile:
             if self._failure is None:
                 try:
                     self._writer.append(0, rows)
-                    self._keep(rows)
                 except BaseException as error:
                     self._failure = error
-
-    def _keep(self, rows: Array) -> None:
-        """Keep what is written, unless that takes too much memory."""
-        self._left -= len(rows)
-        if self._left < 0:
-            self._kept = None
-        elif self._kept is not None:
-            self._kept.append(rows)

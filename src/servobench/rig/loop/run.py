@@ -84,10 +84,10 @@ def run(
     (the device's own time of the sample, if the host keeps the time) or `received` (the host's, if the device
     does); with a controller, its `reference`. All are at the samples' actual times.
 
-    With `to`, the recording is streamed to that native file during the run, and read back at the end if it
-    takes more than 128 MB; an endless experiment needs it. `clock` is by default the one that the device
-    needs; a virtual device runs by any. `watch` is called ten times per second, `look` twice. Looking at the
-    data holds the loop up, so only a device in virtual time allows `look`.
+    With `to`, the recording is streamed to that native file during the run, and read back at the end; an
+    endless experiment needs it. `clock` is by default the one that the device needs; a virtual device runs by
+    any. `watch` is called ten times per second, `look` twice. Looking at the data holds the loop up, so only
+    a device in virtual time allows `look`.
 
     In virtual time a run of parts that are all built in is compiled, 0.05 to 0.3 µs a tick; with a device,
     controller or monitor of your own it goes tick by tick, 15 to 20 µs each, with the same results.
@@ -241,7 +241,7 @@ def _recorder(
     """Where the rows go. A loop that keeps up with a turning motor doesn't wait for a disk, one in virtual time may."""
     if to is None:
         return InMemory(opened, samples or 0)
-    return ToFile(opened, to, patience=PATIENCE if clock.timing == "virtual" else 0.0, expected=samples or 0)
+    return ToFile(opened, to, patience=PATIENCE if clock.timing == "virtual" else 0.0)
 
 
 def _keeper(clock: Clock | None, device: DeviceInfo, experiment: Experiment) -> Clock:
