@@ -46,8 +46,11 @@ def strictly_inlined(function: F) -> F:
 def stack_room(size: int) -> Callable[[], Any]:
     """Return what a kernel calls for room for so many numbers of its own: without a length, and not cleared.
 
-    Where each index is a constant the numbers stand in registers, unlike those of an array, which others may see.
+    Where each index is a constant the numbers stand in registers, unlike those of an array, which others may see. Where
+    nothing is compiled it is a list.
     """
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return lambda: [0.0] * size
 
     def room(typing: Any) -> Any:
 
