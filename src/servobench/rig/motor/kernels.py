@@ -114,11 +114,11 @@ def stop_time(
             return -1.0
         low = extremum(c, i, w, v, s, t_end)
         guess = 0.5 * (low + high)
-    return sliding_zero(c, i, w, v, s, low, high, guess)
+    return zero_crossing(c, i, w, v, s, low, high, guess)
 
 
 @strictly_compiled
-def sliding_zero(
+def zero_crossing(
     c: Array, i: float, w: float, v: float, s: float, low: float, high: float, guess: float
 ) -> float:
     """Return the time in (low, high] at which the sliding speed is zero: by Newton's method, halving where that leads out."""
