@@ -395,7 +395,7 @@ def page(figures: list[Figure]) -> str:
             "The C takes the friction of a tick as one impulse.",
             "The kernel cuts a tick where the shaft stops or turns back, which is more work.",
             "Its other ticks are linear, and have no impulse to clip, which is less.",
-            "The voltage reverses the shaft five times in two seconds; the paper's square wave never does.",
+            "The voltage reverses the shaft twice a second; the paper's square wave never does.",
             "SciPy and python-control solve the motor without friction, limit and encoder.",
             "",
             "| what | median | half of all | limit, goal |",

@@ -77,9 +77,8 @@ class _Cache(FunctionCache):
 
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
-        self._cache_file = cast(Any, IndexDataCacheFile)(
-            self._cache_path, self._impl.filename_base, source_stamp(function.__module__)
-        )
+        stamp = source_stamp(function.__module__) or self._impl.locator.get_source_stamp()
+        self._cache_file = cast(Any, IndexDataCacheFile)(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what was kept, None if there is nothing or it can't be read; a damaged index is replaced."""

@@ -13,9 +13,12 @@ from types import ModuleType
 def source_stamp(module: str) -> str:
     """Return a checksum of all that a kernel in that module is compiled from, within its own package and this one.
 
-    Numba looks at the file of the kernel alone, and would go on with what it has where a kernel that this one calls was changed.
+    Empty where the module isn't a file's, as in a notebook. Numba looks at the file of the kernel alone, and would go on with
+    what it has where a kernel that this one calls was changed.
     """
     found: dict[str, bytes] = {}
+    if not getattr(sys.modules.get(module), "__file__", None):
+        return ""
     _gather(sys.modules[module], {module.partition(".")[0], __name__.partition(".")[0]}, found)
     digest = hashlib.sha256()
     for name in sorted(found):

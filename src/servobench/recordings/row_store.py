@@ -7,11 +7,14 @@ import numpy as np
 from servobench.core.channels import Array
 
 
+MOST_EXPECTED = 1 << 22  # rows: 32 MB a column; what is asked for beyond may never come
+
+
 class RowStore:
     """Keeps rows of so many columns. There is room for `expected` rows, which take no memory yet; for more it is made anew."""
 
     def __init__(self, columns: int, expected: int = 0) -> None:
-        self._columns = [np.empty(expected) for _ in range(columns)]
+        self._columns = [np.empty(min(expected, MOST_EXPECTED)) for _ in range(columns)]
         self._filled = 0
 
     def __len__(self) -> int:
