@@ -4,7 +4,7 @@ Processor time of one core. The peer gets the same guess, the same residual and 
 `scipy.optimize.least_squares`; one of each in turn, so that both meet the same load, and the ratio is formed within each pair.
 Each call gets a fresh copy of the data, so that nothing is remembered from the call before.
 
-    python bench/cost.py          the times, and whether one is twice as long as at its last entry in bench/history.csv
+    python bench/cost.py          the times, and whether one is twice as long as its entries in bench/history.csv
     python bench/cost.py --keep   appends an entry for each
 """
 

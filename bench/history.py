@@ -1,8 +1,13 @@
 """What speeds were: times over that of a fixed workload in the same run, in bench/history.csv, so that a slow-down shows.
 
-The workload is what an estimator does without being one: many small NumPy calls, a few large ones, products of tall matrices. It
-never changes, so that a ratio from another machine, or from a busy one, can be compared, which a time can't. An entry is
-appended by `python bench/cost.py --keep`, where a change is meant to alter a speed.
+The workload never changes, so that a ratio from another machine, or from a busy one, can be compared, which a time can't. For
+a fit it is what an estimator does without being one: many small NumPy calls, a few large ones, products of tall matrices. For a
+run it is the same motor in C. An entry is appended by `python bench/cost.py --keep` and `python bench/speed.py --write`, where a
+change is meant to alter a speed.
+
+Noise is kept out in three ways. A ratio is formed within each pair of calls, one right after the other, so that a load meets
+both. The median of the pairs counts, against the median of the last five entries. What seems to be twice as slow is measured
+again, and is said to be so only if it is both times.
 """
 
 import csv
@@ -20,6 +25,7 @@ from figures import Figure
 FILE = Path(__file__).resolve().parent / "history.csv"
 COLUMNS = ("date", "version", "commit", "what", "ratio", "milliseconds")
 TWICE = 2.0
+ENTRIES = 5  # whose median counts
 _TALL = np.sin(np.arange(30_000.0)).reshape(5000, 6)
 _SMALL = np.eye(6) + 0.1 * _TALL[:6]
 
@@ -50,11 +56,12 @@ def milliseconds(call: Callable[[], object]) -> float:
     return 1e3 * (time.process_time() - start)
 
 
-def timed(call: Callable[[], object], times: int) -> Timing:
-    """Return how long a call takes beside the workload, in turns, the first one left out."""
+def timed(call: Callable[[], object], times: int, reference: Callable[[], object] | None = None) -> Timing:
+    """Return how long a call takes beside a reference, the workload by default, in turns, the first one left out."""
+    reference = reference or workload
     call()
-    workload()
-    pairs = [(milliseconds(workload), milliseconds(call)) for _ in range(times)]
+    reference()
+    pairs = [(milliseconds(reference), milliseconds(call)) for _ in range(times)]
     return Timing(times=tuple(t for _, t in pairs), references=tuple(r for r, _ in pairs))
 
 
@@ -70,25 +77,39 @@ def workload() -> None:
             np.flatnonzero(np.minimum(np.maximum(scale, 0.0), 1.0) > 0.5)
 
 
-def last_entries(file: Path = FILE) -> dict[str, dict[str, str]]:
-    """Return the last entry of each thing that was timed, by its name."""
+def past_ratios(file: Path = FILE) -> dict[str, list[float]]:
+    """Return the last ratios of each thing that was timed, by its name, oldest first."""
+    found: dict[str, list[float]] = {}
     with file.open(encoding="utf-8", newline="") as rows:
-        return {row["what"]: row for row in csv.DictReader(rows)}
+        for row in csv.DictReader(rows):
+            found.setdefault(row["what"], []).append(float(row["ratio"]))
+    return {what: ratios[-ENTRIES:] for what, ratios in found.items()}
 
 
 def against_history(timings: Mapping[str, Timing], file: Path = FILE) -> list[Figure]:
-    """Return how many times as long each thing takes as at its last entry; twice as long is too long."""
-    entries = last_entries(file)
+    """Return how many times as long each thing takes as it did, by the median of its entries; twice as long is too long."""
+    entries = past_ratios(file)
     return [
         Figure(
-            what=f"{what}: over that of {entries[what]['date']}",
-            value=timing.ratio / float(entries[what]["ratio"]),
+            what=f"{what}: over the median of its last {len(entries[what])} entries",
+            value=timing.ratio / statistics.median(entries[what]),
             unit="times",
             at_most=TWICE,
         )
         for what, timing in timings.items()
         if what in entries
     ]
+
+
+def slower_twice(measure: Mapping[str, Callable[[], Timing]], file: Path = FILE) -> list[Figure]:
+    """Return what takes twice as long as it did, by two measurements of each, one after the other."""
+    found = []
+    for what, once in measure.items():
+        figures = against_history({what: once()}, file)
+        if not all(each.is_kept for each in figures):
+            figures = against_history({what: once()}, file)
+        found += [each for each in figures if not each.is_kept]
+    return found
 
 
 def keep(timings: Mapping[str, Timing], file: Path = FILE) -> None:

@@ -5,13 +5,15 @@ medians and quartiles are those of the ratios. The C is bench/speed_parts/twin.c
 its pointers made beforehand. Unlike the twin, it cuts no tick where the shaft stops or turns back.
 
     python bench/speed.py           the figures
-    python bench/speed.py --write   docs/benchmarks/speed.md
+    python bench/speed.py --jax PYTHON --write   the same with JAX's scan, in an environment that has it (bench/peers)
+    python bench/speed.py --write   docs/benchmarks/speed.md, and an entry for each of `KEPT` in bench/history.csv
 """
 
 from __future__ import annotations
 
 import argparse
 import ctypes
+import json
 import os
 import platform
 import shutil
@@ -31,6 +33,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one core, before NumPy is impor
 
 import numpy as np
 from figures import Figure, shown
+from history import Timing, keep, timed
 
 import servobench as sb
 from servobench.core.channels import Array
@@ -61,6 +64,19 @@ class Size:
 
 FULL = Size(ticks=1_000_000, by_ticks=20_000, short=5_000, pairs=9, commands=5)
 SMALLEST = Size(ticks=3_000, by_ticks=1_500, short=500, pairs=2, commands=0)
+
+
+KEPT = (
+    "the twin's kernel, over C",
+    "run in memory, open loop, over C",
+    "run in memory, PID of the position, over C",
+    "run in memory, noise of torque, current and speed, over C",
+    "run recorded to MCAP, open loop, over C",
+)
+"""What of it is kept in bench/history.csv, at a size of its own."""
+POSITION = Pid(kp=2.0, ki=0.3, kd=0.05)
+KEPT_TICKS, KEPT_PAIRS = 200_000, 9
+NOISY = {"torque_noise": 2e-5, "current_noise": 0.01, "tachometer": True, "tachometer_noise": 0.3}
 
 
 class InC:
@@ -95,11 +111,14 @@ class Own(Twin):
 def reference_voltage(ticks: int) -> Array:
     """Return a voltage that reverses the motor a few times a second, and saturates [V]."""
     t = STEP * np.arange(ticks)
-    return 3.0 * np.sign(np.sin(2 * np.pi * 0.4 * t)) + 9.0 * np.sin(2 * np.pi * 1.1 * t)
+    voltage: Array = 3.0 * np.sign(np.sin(2 * np.pi * 0.4 * t)) + 9.0 * np.sin(2 * np.pi * 1.1 * t)
+    return voltage
 
 
 def processor_time(call: Callable[[], object]) -> float:
-    """Return the processor time that a call takes [s]."""
+    """Return the processor time that a call takes [s], without that of removing the file that the one before has written."""
+    if isinstance(call, partial) and isinstance(to := call.keywords.get("to"), Path):
+        to.unlink(missing_ok=True)
     start = time.process_time()
     call()
     return time.process_time() - start
@@ -141,8 +160,8 @@ def against_c(size: Size, folder: Path) -> list[Figure]:
         nanoseconds("textbook C, a tick", twin.textbook, size.ticks, size.pairs),
         nanoseconds("best C, a tick", twin.free_state, size.ticks, size.pairs),
         nanoseconds("the twin's kernel, a tick", kernel, size.ticks, size.pairs),
-        ratio("the twin's kernel, over textbook C", kernel, twin.textbook, size.pairs),
-        ratio("the twin's kernel, over the best C", kernel, twin.free_state, size.pairs),
+        ratio("the twin's kernel, over textbook C", kernel, twin.textbook, size.pairs, goal="0.75"),
+        ratio("the twin's kernel, over the best C", kernel, twin.free_state, size.pairs, goal="1.1"),
     ]
     plain = coefficients(motor(coulomb_torque=0.0, viscous_friction=1e-6), STEP)
     linear = InC(folder, plain, u)
@@ -157,11 +176,10 @@ def against_runs(size: Size, folder: Path) -> list[Figure]:
     """Return what a tick of a run costs, recorded and guarded: in blocks and tick by tick, in memory and in a file, against C."""
     c, u = coefficients(motor(), STEP), reference_voltage(size.ticks)
     twin = InC(folder, c, u)
-    noisy = {"torque_noise": 2e-5, "current_noise": 0.01, "tachometer": True, "tachometer_noise": 0.3}
     kinds: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
         "open loop": ({}, {}),
-        "PID of the position": ({"controller": Pid(kp=2.0, ki=0.3, kd=0.05)}, {}),
-        "noise of torque, current and speed": ({}, noisy),
+        "PID of the position": ({"controller": POSITION}, {}),
+        "noise of torque, current and speed": ({}, NOISY),
     }
     found = []
     for kind, (experiment, settings) in kinds.items():
@@ -177,7 +195,7 @@ def against_runs(size: Size, folder: Path) -> list[Figure]:
     to_file = partial(carry_out, {}, {}, size.ticks, to=folder / "run.mcap")
     return [
         *found,
-        nanoseconds("run recorded to MCAP and read back, open loop, a tick", to_file, size.ticks, size.pairs),
+        nanoseconds("run recorded to MCAP, open loop, a tick", to_file, size.ticks, size.pairs),
         ratio(
             "run in memory, open loop, over the best C",
             partial(carry_out, {}, {}, size.ticks),
@@ -194,6 +212,24 @@ def against_runs(size: Size, folder: Path) -> list[Figure]:
     ]
 
 
+def measurements(folder: Path) -> dict[str, Callable[[], Timing]]:
+    """Return what measures each of `KEPT`, beside the best C, with its files in a folder."""
+    c, u = coefficients(motor(), STEP), reference_voltage(KEPT_TICKS)
+    held, out = np.clip(u, -LIMIT, LIMIT), np.empty((KEPT_TICKS + 1, 3))
+    twin = InC(folder, c, u)
+    calls = (
+        partial(simulate, c, 0.0, 0.0, 0.0, held, out),
+        partial(carry_out, {}, {}, KEPT_TICKS),
+        partial(carry_out, {"controller": POSITION}, {}, KEPT_TICKS),
+        partial(carry_out, {}, NOISY, KEPT_TICKS),
+        partial(carry_out, {}, {}, KEPT_TICKS, to=folder / "kept.mcap"),
+    )
+    return {
+        what: partial(timed, call, KEPT_PAIRS, twin.free_state)
+        for what, call in zip(KEPT, calls, strict=True)
+    }
+
+
 def carry_out(
     experiment: dict[str, Any],
     settings: dict[str, Any],
@@ -203,8 +239,6 @@ def carry_out(
     own: bool = False,
 ) -> None:
     """Carry out a run of so many ticks on the twin, or on one of a user's own, which goes tick by tick."""
-    if to is not None:
-        to.unlink(missing_ok=True)
     with (Own if own else Twin)(TwinSettings(**settings)) as device:
         sb.run(sb.Experiment(duration=ticks * STEP, sample_time=STEP, **experiment), device, to=to)
 
@@ -244,6 +278,31 @@ def against_peers(size: Size) -> list[Figure]:
         )
         for name, (call, goal) in peers.items()
     ]
+
+
+def against_jax(size: Size, python: str) -> list[Figure]:
+    """Return how many times as long JAX takes for the same motor, in a process of its own, compiled before."""
+    c = coefficients(motor(), STEP)
+    u, out = np.clip(reference_voltage(size.short), -LIMIT, LIMIT), np.empty((size.short + 1, 3))
+    words = [python, str(FOLDER / "speed_parts" / "jax_scan.py")]
+    found = []
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer:
+        assert peer.stdin is not None
+        assert peer.stdout is not None
+        for line in (c[A00 : A00 + 12].tolist(), u.tolist()):
+            print(json.dumps(line), file=peer.stdin, flush=True)
+        for turn in range(1 + KERNEL_CALLS * size.pairs):
+            print(file=peer.stdin, flush=True)
+            theirs = float(peer.stdout.readline())
+            start = time.process_time()
+            for _ in range(KERNEL_CALLS):
+                simulate(c, 0.0, 0.0, 0.0, u, out)
+            ours = (time.process_time() - start) / KERNEL_CALLS
+            if turn:
+                found.append(theirs / ours)
+    low, middle, high = statistics.quantiles(found, n=4)
+    what = f"JAX scan, {size.short} samples, over the twin's kernel"
+    return [Figure(what=what, value=middle, half=(low, high), unit="times", goal="3")]
 
 
 def identifications(size: Size) -> list[Figure]:
@@ -286,8 +345,8 @@ def commands(size: Size) -> list[Figure]:
     ]
 
 
-def main(size: Size = FULL) -> list[Figure]:
-    """Return the figures of this bench; none where there is no compiler to compare with."""
+def main(size: Size = FULL, jax: str = "") -> list[Figure]:
+    """Return the figures of this bench; none where there is no compiler to compare with. `jax` is a Python that has JAX."""
     if shutil.which("gcc") is None:
         print("speed: gcc isn't installed: nothing was measured", file=sys.stderr)
         return []
@@ -296,6 +355,7 @@ def main(size: Size = FULL) -> list[Figure]:
             *against_c(size, Path(folder)),
             *against_runs(size, Path(folder)),
             *against_peers(size),
+            *(against_jax(size, jax) if jax else ()),
             *identifications(size),
             *commands(size),
         ]
@@ -331,8 +391,11 @@ def page(figures: list[Figure]) -> str:
             "",
             "Processor time of all threads, medians and the middle half; ratios are formed within pairs measured in turn.",
             "The runs have the guard on.",
-            "The C solves the same motor, but cuts no tick where the shaft stops or turns back, as the twin does.",
-            "Its voltage reverses the shaft often, which costs the twin more than the paper's square wave.",
+            "The C solves the same motor and stores current, speed and counts of each tick, the kernel current, speed and angle.",
+            "The C takes the friction of a tick as one impulse.",
+            "The kernel cuts a tick where the shaft stops or turns back, which is more work.",
+            "Its other ticks are linear, and have no impulse to clip, which is less.",
+            "The voltage reverses the shaft twice a second; the paper's square wave never does.",
             "SciPy and python-control solve the motor without friction, limit and encoder.",
             "",
             "| what | median | half of all | limit, goal |",
@@ -346,10 +409,18 @@ def page(figures: list[Figure]) -> str:
 def command(words: list[str]) -> int:
     """Show the figures, and write the page if that is asked for."""
     parser = argparse.ArgumentParser(description="What a tick of a simulated run costs.")
-    parser.add_argument("--write", action="store_true", help="write docs/benchmarks/speed.md")
-    asked, figures = parser.parse_args(words), main()
+    parser.add_argument(
+        "--write", action="store_true", help="write docs/benchmarks/speed.md, and append to bench/history.csv"
+    )
+    parser.add_argument(
+        "--jax", default="", metavar="PYTHON", help="compare with JAX, by a Python that has it"
+    )
+    asked = parser.parse_args(words)
+    figures = main(jax=asked.jax)
     if asked.write and figures:
         PAGE.write_text(page(figures), encoding="utf-8")
+        with tempfile.TemporaryDirectory() as folder:
+            keep({what: measure() for what, measure in measurements(Path(folder)).items()})
     return shown(figures)
 
 

@@ -49,6 +49,48 @@ def use(tmp_path: Path) -> Callable[..., tuple[str, str]]:
     return in_a_new_process
 
 
+CALLED = """
+from servobench.core.compiled import compiled
+
+@compiled
+def called(x):
+    return {0} * x
+"""
+CALLING = """
+from own import called_kernels
+from own.numbers import OFFSET
+from servobench.core.compiled import compiled
+
+@compiled
+def calling(x):
+    return called_kernels.called(x) + OFFSET
+
+print(calling(1.0), len(calling.stats.cache_hits))
+"""
+
+
+def test_a_change_of_a_kernel_that_is_called_or_of_a_constant_renews_the_one_that_calls(
+    tmp_path: Path, use: Callable[..., tuple[str, str]]
+) -> None:
+    """Python's own cache of bytes goes by the second, so that it is left out."""
+    plain = {"PYTHONDONTWRITEBYTECODE": "1"}
+    own = tmp_path / "own"
+    own.mkdir()
+    (tmp_path / "kernels.py").write_text("import own.calling\n")
+    (own / "calling.py").write_text(CALLING)
+    (own / "called_kernels.py").write_text(CALLED.format(2))
+    (own / "numbers.py").write_text("OFFSET = 0.0\n")
+    assert use(**plain)[0] == "2.0 0"
+    assert use(**plain)[0] == "2.0 1"
+
+    (own / "called_kernels.py").write_text(CALLED.format(3))
+    assert use(**plain)[0] == "3.0 0"
+    (own / "numbers.py").write_text("OFFSET = 1.0\n")
+    assert use(**plain)[0] == "4.0 0"
+    os.utime(own / "calling.py")
+    assert use(**plain)[0] == "4.0 1"
+
+
 def cut(file: Path) -> None:
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import typer
@@ -48,14 +48,6 @@ _STATUSES = (
     "limits; 7 none fails, but some are undecided; 130 interrupted."
 )
 
-app = typer.Typer(
-    name="servobench",
-    rich_markup_mode=None,  # plain text, the same on every terminal and in the stored help
-    pretty_exceptions_enable=False,
-    add_completion=False,
-    context_settings={"help_option_names": ["-h", "--help"], "terminal_width": 80},
-)
-
 
 def _show_version(wanted: bool) -> None:
     if wanted:
@@ -63,7 +55,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(epilog=_STATUSES)
 def servobench(
     version: Annotated[
         bool,
@@ -79,7 +70,7 @@ def servobench(
     """
 
 
-for command in (
+_COMMANDS: tuple[Callable[..., None], ...] = (
     run,
     identify,
     watch,
@@ -105,10 +96,32 @@ for command in (
     exports,
     studies,
     completion,
-):
-    app.command()(command)
-app.add_typer(fleet)
-app.add_typer(lab)
+)
+
+
+def application(words: Sequence[str] = ()) -> typer.Typer:
+    """Return all commands as one application, or the one that the words ask for alone: typer looks at each.
+
+    `completion` is never alone, as it lists the others.
+    """
+    made = typer.Typer(
+        name="servobench",
+        rich_markup_mode=None,  # plain text, the same on every terminal and in the stored help
+        pretty_exceptions_enable=False,
+        add_completion=False,
+        context_settings={"help_option_names": ["-h", "--help"], "terminal_width": 80},
+    )
+    made.callback(epilog=_STATUSES)(servobench)
+    own = [command for command in _COMMANDS if command is not completion]
+    alone = [command for command in own if [command.__name__] == list(words[:1])]
+    for command in alone or _COMMANDS:
+        made.command()(command)
+    for group in () if alone else (fleet, lab):
+        made.add_typer(group)
+    return made
+
+
+app = application()
 
 
 def run_app(words: Sequence[str]) -> int:
@@ -120,7 +133,9 @@ def run_app(words: Sequence[str]) -> int:
     words, debug = _without_debug(words)
     try:
         # The object that typer hands to commands is the line as it was typed, for reports.
-        app(words or ["--help"], prog_name="servobench", obj=shlex.join(["servobench", *words]))
+        application(words)(
+            words or ["--help"], prog_name="servobench", obj=shlex.join(["servobench", *words])
+        )
     except SystemExit as end:
         interrupt = _interrupt_behind(end)
         return flush_output(_status(end) if interrupt is None else report_failure(interrupt, debug=debug))

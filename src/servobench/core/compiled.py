@@ -8,11 +8,15 @@ from contextlib import contextmanager, suppress
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite import ir
 from numba.core import types
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.cgutils import alloca_once
 from numba.core.event import Event, Listener, register, unregister
 from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
+
+from servobench.core.kernel_sources import source_stamp
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -23,7 +27,7 @@ def compiled(function: F) -> F:
     Only contraction to fused multiply-adds is allowed: NaN and infinity keep their meaning. Where the code can't be kept, or
     what was kept can't be read, it is compiled anew; one warning a process says so, to the logger "servobench".
     """
-    return _compile(function, fastmath={"contract"}, _nrt=True)
+    return _compile(function, fastmath={"contract"}, _nrt=True, forceinline=False)
 
 
 def strictly_compiled(function: F) -> F:
@@ -31,33 +35,50 @@ def strictly_compiled(function: F) -> F:
 
     Such a function makes no arrays; so none is counted, which would take several times as long as a tick's arithmetic.
     """
-    return _compile(function, fastmath=set(), _nrt=False)
+    return _compile(function, fastmath=set(), _nrt=False, forceinline=False)
 
 
-def _keep_apart(typing: Any) -> Any:
-
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return types.none(), codegen
+def strictly_inlined(function: F) -> F:
+    """Compile as `strictly_compiled` does, as a part of each kernel that calls it."""
+    return _compile(function, fastmath=set(), _nrt=False, forceinline=True)
 
 
-keep_apart: Callable[[], None] = cast(Any, intrinsic)(_keep_apart)
-"""Keep the kernel that calls this from being compiled into its callers, where its sums might be rounded otherwise."""
+def stack_room(size: int) -> Callable[[], Any]:
+    """Return what a kernel calls for room for so many numbers of its own: without a length, and not cleared.
+
+    Where each index is a constant the numbers stand in registers, unlike those of an array, which others may see. Where
+    nothing is compiled it is a list.
+    """
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return lambda: [0.0] * size
+
+    def room(typing: Any) -> Any:
+
+        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            numbers = cast(Any, alloca_once)(builder, ir.ArrayType(ir.DoubleType(), size))
+            return builder.bitcast(numbers, ir.DoubleType().as_pointer())
+
+        return cast(Any, types.CPointer)(types.float64)(), codegen
+
+    return cast(Callable[[], Any], cast(Any, intrinsic)(room))
 
 
 def _compile(function: F, **options: Any) -> F:
     dispatcher = numba.njit(nogil=True, error_model="numpy", **options)(function)
     try:
-        cast(Any, dispatcher)._cache = _Cache(function)  # type: ignore[no-untyped-call]
+        cast(Any, dispatcher)._cache = _Cache(function)
     except (RuntimeError, OSError):  # no folder that can be written to, or one that can't be looked at
         _warn("compiled code can't be kept, as neither the package nor the home folder can be written to")
     return cast(F, dispatcher)
 
 
 class _Cache(FunctionCache):
-    """Numba's cache of one function, which may fail: no result depends on it."""
+    """Numba's cache of one function, which may fail: no result depends on it. A change of any kernel that it calls renews it."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        stamp = source_stamp(function.__module__) or self._impl.locator.get_source_stamp()
+        self._cache_file = cast(Any, IndexDataCacheFile)(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what was kept, None if there is nothing or it can't be read; a damaged index is replaced."""

@@ -22,6 +22,7 @@ from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.limits import Limits, Outputs, Plausibility, StallLimits
 from servobench.rig.loop.blocks import block_pass
 from servobench.rig.loop.blocks.block_pass import BlockPass, tick_by_tick_reason
+from servobench.rig.loop.references import BLOCK, LONG_BLOCK
 from servobench.rig.loop.run import Progress
 from servobench.rig.lost_device import DeviceLost
 from servobench.rig.motor.encoder import Encoder
@@ -282,13 +283,14 @@ def test_ctrl_c_between_two_blocks_ends_the_run_with_what_was_done() -> None:
             raise KeyboardInterrupt
         return np.full_like(t, 2.0)
 
-    experiment = Experiment(duration=4.0)
+    experiment = Experiment(duration=40.0)
     with sb.connect("twin") as twin:
-        recording = sb.run(Plain(interrupt, asked=experiment), twin)
+        recording = sb.run(Plain(interrupt, duration=40.0, asked=experiment), twin)
         before, after = twin.state, twin.coast(5.0)
 
     assert recording.stopped.reason == "interrupted"
-    assert len(recording["counts"].values) == 3 * 512
+    # The first ones before anything moves.
+    assert len(recording["counts"].values) == BLOCK + 2 * LONG_BLOCK
     assert before.speed > 40.0
     assert after.speed == 0.0  # the motor was stopped
 

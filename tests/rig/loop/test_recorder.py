@@ -102,3 +102,21 @@ def test_what_is_abandoned_stays_readable(tmp_path: Path) -> None:
     recorder.abandon()
 
     assert len(read(tmp_path / "a.mcap.part")[0]["a"].values) == 10
+
+
+def test_rows_that_are_kept_stand_while_more_come() -> None:
+    """Also where there was no room for them."""
+    recorder = InMemory(OPENING, expected=3)
+    fill(recorder, 1)
+    first = recorder.end(ENDED, ())["a"].values
+    fill(recorder, 5)
+
+    assert first.tolist() == [0.0, 0.0]
+    assert recorder.end(ENDED, ())["a"].values.tolist() == [0.0, 0.0, *np.repeat(np.arange(5.0), 2)]
+
+
+def test_a_run_of_a_thousand_years_takes_no_memory_before_it_begins() -> None:
+    recorder = InMemory(OPENING, expected=10**15)
+    fill(recorder, 2)
+
+    assert len(recorder.end(ENDED, ())["a"].values) == 4

@@ -10,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from servobench.core.errors import SimulationDiverged
+from servobench.rig.motor import kernels
 from servobench.rig.motor.parameters import MotorParameters
 from servobench.rig.motor.physics import MotorState, Physics, disturbance_factor
 from servobench.rig.motor.solvers.base import SOLVERS, Solver
-from servobench.rig.motor.solvers.exact import Exact
+from servobench.rig.motor.solvers.exact import Exact, coefficients
 from tests.rig.motor.reference import Truth, march
 
 H = 0.002
@@ -68,6 +69,73 @@ def test_the_exact_solver_agrees_with_the_adaptive_one(inductance: float) -> Non
     # The adaptive solver's tolerance is 1e-10 relative a step; 600 ticks of a speed up to 70 rad/s.
     assert np.abs(exact - adaptive)[:, 1].max() < 1e-5
     assert np.abs(exact - adaptive)[:, 2].max() < 1e-5
+
+
+MOTORS = {
+    "as it is": PHYSICS,
+    "no inductance": replace(PHYSICS, inductance=0.0),
+    "complex poles": replace(PHYSICS, inductance=0.5),
+    "much friction": replace(PHYSICS, coulomb_torque=8e-3),
+    "no friction": replace(PHYSICS, coulomb_torque=0.0),
+    "time constant below a tick": replace(PHYSICS, inertia=2e-7),
+}
+
+
+@pytest.mark.parametrize("motor", MOTORS)
+@pytest.mark.parametrize("tick", [1e-4, 2e-3, 2e-2])
+def test_a_tick_without_a_switch_is_the_one_that_is_cut_at_its_switches(motor: str, tick: float) -> None:
+    """Also near standstill, where the cheap test decides which of the two it is."""
+    c = coefficients(MOTORS[motor], tick)
+    random = np.random.default_rng(4)
+    size = 20_000
+    v = random.uniform(-10.0, 10.0, size)
+    w = random.uniform(-1.0, 1.0, size) * 10.0 ** random.uniform(-3.0, 2.3, size)
+    i = random.uniform(-1.2, 1.2, size)
+    if motor == "no inductance":
+        i = (v - PHYSICS.motor_constant * w) / PHYSICS.resistance
+    found = np.array([kernels.tick(c, *each) for each in zip(i, w, np.zeros(size), v, strict=True)])
+    cut = np.array(
+        [kernels.advance_switching(c, *each, tick) for each in zip(i, w, np.zeros(size), v, strict=True)]
+    )
+    p = MOTORS[motor]
+    damping = tick * (p.viscous_friction + p.motor_constant**2 / p.resistance) / p.inertia
+    assert np.any(found != cut) == (damping < 1.0)  # otherwise each tick is cut
+    # The matrix exponential is good to 2e-14 of its largest entry, c₀₁ up to L/(2 J), and each sum has a few roundings more.
+    np.testing.assert_allclose(found, cut, rtol=0.0, atol=1e-12 * np.abs(cut).max())
+
+
+@pytest.mark.parametrize("motor", MOTORS)
+def test_many_ticks_at_once_are_one_after_the_other(motor: str) -> None:
+    exact, u = Exact.prepare(MOTORS[motor], H, None), voltages()
+    expected = followed(exact, u)
+    found = exact.simulate(MotorState(0.0, 0.0, 0.0), u)
+    # A product and sum may be rounded once or twice: an eps of the largest value a tick.
+    atol = len(u) * np.finfo(float).eps * np.abs(expected).max(axis=0)
+    assert np.all(np.abs(found - expected).max(axis=0) <= atol)
+
+
+@pytest.mark.parametrize("motor", MOTORS)
+def test_the_shaft_is_cut_where_its_speed_first_reaches_zero(motor: str) -> None:
+    """Against the speed on 200 points of the tick, and its sign just before and after."""
+    c = coefficients(MOTORS[motor], H)
+    random = np.random.default_rng(5)
+    times = np.linspace(0.0, H, 201)[1:]
+    stops = 0
+    for _ in range(2000):
+        w, i, v = random.uniform(-5.0, 5.0), random.uniform(-1.2, 1.2), random.uniform(-10.0, 10.0)
+        s = np.copysign(1.0, w)
+        seen = np.array([s * kernels.slide(c, i, w, 0.0, v, s, t)[1] for t in times])
+        i_end, w_end, _ = kernels.slide(c, i, w, 0.0, v, s, H)
+        found = kernels.stop_time(c, i, w, v, s, H, i_end, w_end)
+        if found < 0.0:
+            # Between two points it may dip below zero by a parabola of the largest acceleration at most.
+            assert seen.min() > -0.125 * np.abs(np.diff(seen, 2)).max()
+            continue
+        stops += 1
+        assert np.all(seen[times < found * (1 - 1e-9)] > 0.0)
+        before, after = (s * kernels.slide(c, i, w, 0.0, v, s, found + dt)[1] for dt in (-1e-9 * H, 1e-9 * H))
+        assert before > 0.0 > after
+    assert stops > 100
 
 
 @pytest.mark.parametrize(("name", "order"), [("euler", 1), ("rk4", 4)])

@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,7 +26,8 @@ RECORD_HEAD = 9  # bytes: opcode and length
 LARGEST_CHUNK = 16 << 20  # bytes, decompressed; ours have a sixteenth, and none that is larger is read
 LARGEST_RECORD = 64 << 20  # bytes; no more is read into memory at once
 LATEST = 2**63 - 2**10  # ns; the largest double below 2**63, where other readers keep a signed number
-ZSTD_LEVEL = 3
+ZSTD_LEVEL = -3
+INDEX_ENTRY = 16  # bytes of a message in the index behind its chunk
 
 Messages: TypeAlias = NDArray[np.void]
 
@@ -115,6 +117,7 @@ def read_header(body: bytes) -> str:
     return _decode(_split(rest)[0])
 
 
+@cache
 def row_type(columns: int) -> np.dtype[np.void]:
     """Return the layout of one message record with that many float64 columns.
 
@@ -139,22 +142,32 @@ _CHUNK_HEAD = struct.Struct(
 )  # first and last log time, decompressed size, checksum of what is decompressed
 
 
-def messages(number: int, first: int, log_time: NDArray[np.uint64], rows: Array) -> Messages:
-    """Return the message records of channel `number` for rows (N, C), counted on from `first`, at log times (N,) [ns]."""
-    layout = row_type(rows.shape[1])
-    out = np.empty(len(rows), layout)
+def blank_messages(number: int, count: int, columns: int) -> Messages:
+    """Return so many message records of channel `number`, with that many columns, that nothing is written in yet."""
+    out = np.empty(count, row_type(columns))
     out["op"] = Op.MESSAGE
-    out["length"] = layout.itemsize - RECORD_HEAD
+    out["length"] = out.itemsize - RECORD_HEAD
     out["channel"] = number
+    out["cdr"] = _CDR_LITTLE_ENDIAN
+    return out
+
+
+def messages(
+    number: int, first: int, log_time: NDArray[np.uint64], rows: Array, blank: Messages | None = None
+) -> Messages:
+    """Return the message records of channel `number` for rows (N, C), counted on from `first`, at log times (N,) [ns].
+
+    They are written into `blank` ones, if there are any: new memory for each chunk takes as long as filling it.
+    """
+    out = blank_messages(number, len(rows), rows.shape[1]) if blank is None else blank[: len(rows)]
     out["sequence"] = _sequence(first, len(rows))
     out["log_time"] = out["publish_time"] = log_time
-    out["cdr"] = _CDR_LITTLE_ENDIAN
     out["values"] = rows
     return out
 
 
 def read_messages(data: bytes, number: int, first: int, columns: int) -> Array:
-    """Return the rows (N, C) of a chunk's bytes; raises `Damaged` unless they are the messages that have to come next."""
+    """Return the rows (N, C) in a chunk's bytes; raises `Damaged` unless they are the messages that have to come next."""
     layout = row_type(columns)
     if not data or len(data) % layout.itemsize:
         raise Damaged("a chunk holds no whole number of samples")
@@ -170,7 +183,8 @@ def read_messages(data: bytes, number: int, first: int, columns: int) -> Array:
     # Running numbers also bound what a small file may unpack to: they don't compress to less than some bytes a row.
     if (rows["sequence"] != _sequence(first, len(rows))).any():
         raise Damaged("samples are missing before a chunk")
-    return np.array(rows["values"], np.float64)
+    values: Array = rows["values"]
+    return values
 
 
 def log_time(t: Array, zero: float) -> NDArray[np.uint64]:
@@ -179,8 +193,10 @@ def log_time(t: Array, zero: float) -> NDArray[np.uint64]:
     What no such number can hold, NaN and times before `zero`, becomes the nearest that can.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # out of range, or a signalling NaN: no matter here
-        nanoseconds: Array = np.nan_to_num(np.rint((t - zero) * 1e9), nan=0.0)
-    return np.clip(nanoseconds, 0.0, LATEST).astype(np.uint64)
+        nanoseconds: Array = np.rint((t - zero) * 1e9)
+    if not (nanoseconds.min(initial=0.0) >= 0.0 and nanoseconds.max(initial=0.0) <= LATEST):
+        nanoseconds = np.clip(np.nan_to_num(nanoseconds, nan=0.0), 0.0, LATEST)
+    return nanoseconds.astype(np.uint64)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,12 +229,22 @@ class Chunk:
         )
 
 
-def chunk(rows: Messages) -> Chunk:
+def compressor() -> zstandard.ZstdCompressor:
+    """Return what compresses one chunk after the other."""
+    return zstandard.ZstdCompressor(level=ZSTD_LEVEL)
+
+
+def chunk(rows: Messages, compressor: zstandard.ZstdCompressor) -> Chunk:
     """Return message records, at least one and all of one channel, as a compressed chunk."""
-    raw = rows.tobytes()
-    packed = zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(raw)
-    times = rows["log_time"]
-    start, end, number = int(times.min()), int(times.max()), int(rows["channel"][0])
+    raw = rows.view(np.uint8).data
+    packed = compressor.compress(raw)
+    times, number = np.ascontiguousarray(rows["log_time"]), int(rows["channel"][0])
+    entries = np.empty(len(rows), [("log_time", "<u8"), ("offset", "<u8")])
+    entries["log_time"] = times
+    entries["offset"] = np.arange(0, len(raw), rows.itemsize)
+    if np.any(times[1:] < times[:-1]):
+        entries.sort(order="log_time", kind="stable")
+    start, end = int(entries["log_time"][0]), int(entries["log_time"][-1])
     body = record(
         Op.CHUNK,
         _CHUNK_HEAD.pack(start, end, len(raw), zlib.crc32(raw)),
@@ -226,10 +252,6 @@ def chunk(rows: Messages) -> Chunk:
         struct.pack("<Q", len(packed)),
         packed,
     )
-    entries = np.empty(len(rows), [("log_time", "<u8"), ("offset", "<u8")])
-    entries["log_time"] = times
-    entries["offset"] = np.arange(len(rows)) * rows.itemsize
-    entries.sort(order="log_time", kind="stable")
     index = record(Op.MESSAGE_INDEX, struct.pack("<H", number), prefix_length(entries.tobytes()))
     return Chunk(
         record=body,
@@ -242,7 +264,12 @@ def chunk(rows: Messages) -> Chunk:
     )
 
 
-def read_chunk(body: bytes) -> bytes:
+def decompressor() -> zstandard.ZstdDecompressor:
+    """Return what decompresses one chunk after the other."""
+    return zstandard.ZstdDecompressor()
+
+
+def read_chunk(body: bytes, decompressor: zstandard.ZstdDecompressor) -> bytes:
     """Return the decompressed messages of a chunk record's body; raises `Damaged`, also where they would be too many.
 
     Neither the length that the record claims nor the one that the compressed frame claims is trusted with memory.
@@ -258,7 +285,7 @@ def read_chunk(body: bytes) -> bytes:
         claimed = zstandard.get_frame_parameters(packed).content_size
         if claimed != size or size > LARGEST_CHUNK:
             raise Damaged("a chunk is larger than any that is written")
-        data = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size, allow_extra_data=False)
+        data = decompressor.decompress(packed, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise Damaged("a chunk can't be decompressed") from error
     if len(data) != size or zlib.crc32(data) != crc:

@@ -52,6 +52,7 @@ class McapFile:
         self._chunks = bytearray()  # index records; a list of them would take several times the memory
         self._chunk_count = 0
         self._span: tuple[int, int] | None = None
+        self._compressor = mcap.compressor()
         self._failure = ""
         self._file = _new_file(self.part)
         hold(self._file)  # without locks, other processes can't see that the file is being written
@@ -95,9 +96,9 @@ class McapFile:
 
     def add_messages(self, messages: mcap.Messages) -> None:
         """Write messages, at least one and all of one channel, as one chunk."""
-        chunk = mcap.chunk(messages)
+        chunk = mcap.chunk(messages, self._compressor)
         index = chunk.index(self._size)
-        self._put(chunk.record + chunk.message_index)
+        self._put(chunk.record, chunk.message_index)
         self._chunks += index
         self._chunk_count += 1
         self._counts[chunk.number] += len(messages)
@@ -152,13 +153,14 @@ class McapFile:
         records = [*schemas, *self._channels.values(), statistics, bytes(self._chunks), *self._metadata]
         return mcap.summary(self._size, records)
 
-    def _put(self, data: bytes) -> None:
+    def _put(self, *records: bytes) -> None:
         if self._failure:
             raise StorageError(self._failure)
         if self._file.closed:
             raise UsageError(f"{self.path} is closed: nothing more can be written to it")
         try:
-            self._file.write(data)
+            for record in records:
+                self._file.write(record)
             self._file.flush()
             now = self._now()
             if now - self._synced >= SYNC_INTERVAL:
@@ -167,8 +169,9 @@ class McapFile:
                 self._synced = now
         except OSError as error:
             raise self._storage_error(error) from error
-        self._crc = zlib.crc32(data, self._crc)
-        self._size += len(data)
+        for record in records:
+            self._crc = zlib.crc32(record, self._crc)
+            self._size += len(record)
 
     def _stay_reachable(self) -> None:
         """Go on elsewhere where the part's name no longer leads to it: what has no name is gone with this process."""

@@ -10,9 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
-
-from servobench.core.channels import Array
 from servobench.core.errors import FormatError, UsageError
 from servobench.core.finding import warning
 from servobench.recordings.native import mcap
@@ -28,7 +25,9 @@ from servobench.recordings.native.description import (
 )
 from servobench.recordings.native.mcap import Damaged, Op
 from servobench.recordings.recording import Event, Recording, Series, Stopped
+from servobench.recordings.row_store import RowStore
 
+_SPARE = 1.1  # rows for which there is room, over those that come if all chunks are as the first one
 CUT_SHORT = Stopped(reason="unknown", sentence="the file ends before the reason why the recording ended")
 
 
@@ -70,26 +69,27 @@ class _PartialRecording:
     ending: Ending | None = None
     events: list[Event] = field(default_factory=list)
     groups: dict[int, Group] = field(init=False)
-    blocks: dict[int, list[Array]] = field(init=False)
-    rows: dict[int, int] = field(init=False)
+    rows: dict[int, RowStore] = field(init=False)
 
     def __post_init__(self) -> None:
         self.groups = {group.number: group for group in self.opening.groups}
-        self.blocks = {number: [] for number in self.groups}
-        self.rows = dict.fromkeys(self.groups, 0)
+        self.rows = {number: RowStore(group.columns) for number, group in self.groups.items()}
         names = [channel.name for channel in self.opening.channels]
         grouped = [name for group in self.opening.groups for name in group.channels]
         if len(self.groups) != len(self.opening.groups) or sorted(names) != sorted(grouped):
             raise Damaged("a description doesn't say where each channel is stored")
 
-    def add(self, data: bytes) -> None:
-        """Take the messages of a chunk."""
+    def add(self, data: bytes, length: int, size: int) -> None:
+        """Take the messages of a chunk of that length, in a file of that size [bytes]: all of it may be such chunks."""
         number = mcap.channel_of(data)
         if number not in self.groups or self.ending is not None:
             raise Damaged("a chunk belongs to no recording")
-        rows = mcap.read_messages(data, number, self.rows[number], self.groups[number].columns)
-        self.blocks[number].append(rows)
-        self.rows[number] += len(rows)
+        columns, kept = self.groups[number].columns, self.rows[number]
+        rows = mcap.read_messages(data, number, len(kept), columns)
+        if not kept:
+            bytes_a_row = length / len(rows) + mcap.INDEX_ENTRY
+            self.rows[number] = kept = RowStore(columns, round(_SPARE * size / bytes_a_row))
+        kept.append(rows)
 
     def happen(self, happening: RecordedEvent) -> None:
         """Take an event, if it is the next one."""
@@ -99,7 +99,7 @@ class _PartialRecording:
 
     def end(self, ending: Ending) -> None:
         """Take what is said at the end, if it fits what came before."""
-        if self.ending is not None or ending.rows != tuple(self.rows.values()):
+        if self.ending is not None or ending.rows != tuple(map(len, self.rows.values())):
             raise Damaged("samples are missing at the end")
         if ending.events != len(self.events):
             raise Damaged("events are missing at the end")
@@ -128,8 +128,7 @@ class _PartialRecording:
 
     def _series(self, group: Group) -> dict[str, Series]:
         """The series of a group; they share one array of times."""
-        blocks = self.blocks[group.number] or [np.empty((0, group.columns))]
-        columns = [np.concatenate([block[:, k] for block in blocks]) for k in range(group.columns)]
+        columns = list(self.rows[group.number].columns)
         times = columns.pop(0) if group.timed else None
         channels = {channel.name: channel for channel in self.opening.channels}
         return {
@@ -149,7 +148,7 @@ class _Scan:
 
 def _collect(file: BinaryIO, size: int) -> _Scan:
     """Take what is right, up to the end of the data or the first thing that isn't."""
-    found = _Scan()
+    found, decompressor = _Scan(), mcap.decompressor()
     try:
         for op, body, end in _records(file, size):
             if op == Op.METADATA:
@@ -157,7 +156,7 @@ def _collect(file: BinaryIO, size: int) -> _Scan:
             elif op == Op.CHUNK:
                 if not found.recordings:
                     raise Damaged("a chunk comes before any recording")
-                found.recordings[-1].add(mcap.read_chunk(body))
+                found.recordings[-1].add(mcap.read_chunk(body, decompressor), len(body), size)
             found.right = end
             if op == Op.DATA_END:
                 return found

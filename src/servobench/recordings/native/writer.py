@@ -57,6 +57,7 @@ class RecordingWriter:
         self._topics: dict[str, int] = {}
         self._opening: Opening | None = None
         self._events = 0
+        self._blanks: dict[int, mcap.Messages] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -111,6 +112,7 @@ class RecordingWriter:
         self._file.add_metadata(OPENING, entries(begun))
         for group in groups:
             self._file.add_channel(group.topic, _definition(group, channels))
+        self._blanks.clear()
         self._opening = begun
         self._events = 0
 
@@ -120,7 +122,8 @@ class RecordingWriter:
         target = opening.groups[group]
         if rows.ndim != 2 or rows.shape[1] != target.columns:
             raise UsageError(f"{target.topic}: rows of shape {rows.shape}; expected (N, {target.columns})")
-        most = max(1, min(MOST_ROWS, CHUNK_BYTES // mcap.row_type(target.columns).itemsize))
+        blank = self._blank(target)
+        most = len(blank)
         for start in range(0, len(rows), most):
             block = rows[start : start + most]
             first = self._file.count(target.number)
@@ -128,7 +131,7 @@ class RecordingWriter:
                 times = mcap.log_time(block[:, 0], opening.log_time_zero)
             else:
                 times = np.arange(first, first + len(block), dtype=np.uint64)
-            self._file.add_messages(mcap.messages(target.number, first, times, block))
+            self._file.add_messages(mcap.messages(target.number, first, times, block, blank))
 
     def event(self, event: Event) -> None:
         """Write what happened; before the samples that it concerns, so that a torn file has no sample without it."""
@@ -150,6 +153,13 @@ class RecordingWriter:
     def abandon(self) -> None:
         """Leave the part as it is; never raises, and does nothing to a closed file."""
         self._file.abandon()
+
+    def _blank(self, group: Group) -> mcap.Messages:
+        """The largest chunk of a group, to be written in again and again."""
+        if group.number not in self._blanks:
+            most = max(1, min(MOST_ROWS, CHUNK_BYTES // mcap.row_type(group.columns).itemsize))
+            self._blanks[group.number] = mcap.blank_messages(group.number, most, group.columns)
+        return self._blanks[group.number]
 
     def _make_opening(self) -> Opening:
         if self._opening is None:

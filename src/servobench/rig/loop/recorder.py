@@ -10,14 +10,13 @@ from queue import Full, Queue
 from threading import Thread
 from typing import Protocol
 
-import numpy as np
-
 from servobench.core.channels import Array
 from servobench.core.errors import StorageError
 from servobench.core.finding import Finding
 from servobench.recordings.native.reader import read
 from servobench.recordings.native.writer import RecordingWriter, Together
 from servobench.recordings.recording import Recording, Series, Stopped
+from servobench.recordings.row_store import RowStore
 
 
 class Recorder(Protocol):
@@ -41,21 +40,19 @@ class Recorder(Protocol):
 
 
 class InMemory:
-    """Keeps the rows in memory. `opening` is what is known of the recording, with empty series."""
+    """Keeps the rows in memory, `expected` many. `opening` is what is known of the recording, with empty series."""
 
-    def __init__(self, opening: Recording) -> None:
+    def __init__(self, opening: Recording, expected: int = 0) -> None:
         self._opening = opening
-        self._blocks = [np.empty((0, 1 + len(opening.series)))]
+        self._rows = RowStore(1 + len(opening.series), expected)
 
     def append(self, rows: Array) -> None:
         """Keep rows (N, 1 + C): the time [s] and a value of each channel."""
-        self._blocks.append(rows)
+        self._rows.append(rows)
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> Recording:
-        """Put the blocks together."""
-        t, *columns = (
-            np.concatenate([block[:, k] for block in self._blocks]) for k in range(self._blocks[0].shape[1])
-        )
+        """Return the rows so far as a recording."""
+        t, *columns = self._rows.columns
         series = tuple(
             Series(channel=each.channel, values=values, t=t)
             for each, values in zip(self._opening.series, columns, strict=True)
@@ -64,7 +61,7 @@ class InMemory:
 
     def abandon(self) -> None:
         """Forget the rows."""
-        self._blocks.clear()
+        self._rows = RowStore(1 + len(self._opening.series))
 
     def discard(self) -> None:
         """Forget the rows."""

@@ -10,6 +10,7 @@ from servobench.rig.clock import Tick
 from servobench.systems.signals.base import Signal
 
 BLOCK = 512  # evaluated at once: a call of a signal costs far more than one more value in it
+LONG_BLOCK = 4096  # the same for ticks that go in blocks: no motor waits
 _AFRESH = 16  # the same right after the schedule was moved: that tick is late already
 
 
@@ -25,6 +26,7 @@ class References:
         self._sample_time = sample_time
         self._first_tick = begin.index if begin else 0
         self._moved_before = self._shift_at(begin) if begin else 0
+        self._values: list[float] | None = None  # of the array, as one tick after the other takes them
         self._evaluate(self._first_tick, self._moved_before, BLOCK)
 
     def at(self, tick: Tick) -> float:
@@ -32,14 +34,16 @@ class References:
         moved = self._shift_at(tick)
         if moved != self._moved:
             self._evaluate(tick.index, moved, _AFRESH)
-        elif not self._first <= tick.index < self._first + len(self._values):
+        elif not self._first <= tick.index < self._first + len(self._array):
             self._evaluate(tick.index, moved, BLOCK)
+        if self._values is None:
+            self._values = self._array.tolist()
         return self._values[tick.index - self._first]
 
     def block(self, index: int) -> Array:
         """Return the references from a tick on, as far as they are evaluated at once, on a schedule that wasn't moved."""
-        if self._moved or not self._first <= index < self._first + len(self._values):
-            self._evaluate(index, 0, BLOCK)
+        if self._moved or not self._first <= index < self._first + len(self._array):
+            self._evaluate(index, 0, LONG_BLOCK)
         return self._array[index - self._first :]
 
     def _shift_at(self, tick: Tick) -> int:
@@ -56,4 +60,4 @@ class References:
             )
         self._first, self._moved = first, moved
         self._array: Array = values
-        self._values: list[float] = values.tolist()
+        self._values = None

@@ -100,5 +100,11 @@ class Plant:
         if self.factor is None or self.state.speed == 0.0:
             return
         factor = self.factor if step == self._tick else disturbance_factor(self._physics, self._noise, step)
-        added = factor @ self._random.standard_normal(3)
-        self.state = MotorState(*(float(a + b) for a, b in zip(self.state, added, strict=True)))
+        a, b, c = self._random.standard_normal(3).tolist()
+        # One sum after the other, as a block of ticks adds them up; a product of matrices may add in any order.
+        self.state = MotorState(
+            *(
+                value + (x * a + y * b + z * c)
+                for value, (x, y, z) in zip(self.state, factor.tolist(), strict=True)
+            )
+        )

@@ -1,5 +1,7 @@
 """The laws, compiled: each is (state x, numbers p, reference, counts, time) -> (next state, voltage); each law's file states it.
 
+A loop that is compiled as a whole calls `pid_into` and the like, which fill the next state in and make no array.
+
 Sources: see `control.pid`, and for the others the file of each.
 
 All begin with the same numbers and states: those of the shaft, of what is followed, and of the integral and the bias. States x
@@ -13,7 +15,7 @@ import math
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.compiled import compiled
+from servobench.core.compiled import compiled, strictly_compiled
 
 # States. The travel is a whole number of counts, exact up to 2^53: 285 years at a million counts a second.
 SEEN, TIME, TRAVEL, SLOPE, SPEED, INTEGRAL, BIAS, OWN = range(8)
@@ -37,8 +39,30 @@ _LONGEST_STEP = (
 
 @compiled
 def pid(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple[Array, float]:
+    """Return the next state of `pid_into`, and the voltage."""
+    new = np.empty_like(x)
+    return new, pid_into(new, x, p, reference, counts, time)
+
+
+@compiled
+def lead(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple[Array, float]:
+    """Return the next state of `lead_into`, and the voltage."""
+    new = np.empty_like(x)
+    return new, lead_into(new, x, p, reference, counts, time)
+
+
+@compiled
+def state_feedback(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple[Array, float]:
+    """Return the next state of `state_feedback_into`, and the voltage."""
+    new = np.empty_like(x)
+    return new, state_feedback_into(new, x, p, reference, counts, time)
+
+
+@strictly_compiled
+def pid_into(new: Array, x: Array, p: Array, reference: float, counts: int, time: float) -> float:
     """u = kp (b r - y) + ∫ ki (r - y) dt + kd d/dt (c r - y), the derivative filtered."""
-    new = x.copy()
+    for k in range(len(x)):
+        new[k] = x[k]
     speed_before = x[SPEED]
     dt = take_sample(new, p, counts, time)
     y, rate = new[TRAVEL] * p[SCALE], new[SPEED]
@@ -56,13 +80,14 @@ def pid(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple
     if x[SEEN] == ONE_SAMPLE:
         complete_switch(new, p, p[KP] if p[FOLLOWS_SPEED] != 0.0 else p[KD])
     feedback = p[KP] * (p[WEIGHT_P] * reference - y) + p[KD] * (p[WEIGHT_D] * new[REFERENCE_RATE] - rate)
-    return new, settle_voltage(new, p, dt, reference - y, feedback)
+    return settle_voltage(new, p, dt, reference - y, feedback)
 
 
-@compiled
-def lead(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple[Array, float]:
+@strictly_compiled
+def lead_into(new: Array, x: Array, p: Array, reference: float, counts: int, time: float) -> float:
     """u = gain (1 + s/zero)/(1 + s/pole) (r - y), by the trapezoid rule."""
-    new = x.copy()
+    for k in range(len(x)):
+        new[k] = x[k]
     dt = take_sample(new, p, counts, time)
     y = new[SPEED] if p[FOLLOWS_SPEED] != 0.0 else new[TRAVEL] * p[SCALE]
     error = reference - y
@@ -76,23 +101,24 @@ def lead(x: Array, p: Array, reference: float, counts: int, time: float) -> tupl
     new[ERROR] = error
     if x[SEEN] == ONE_SAMPLE and p[FOLLOWS_SPEED] != 0.0:
         complete_switch(new, p, p[LEAD_GAIN])
-    return new, settle_voltage(new, p, dt, error, new[LED])
+    return settle_voltage(new, p, dt, error, new[LED])
 
 
-@compiled
-def state_feedback(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple[Array, float]:
+@strictly_compiled
+def state_feedback_into(new: Array, x: Array, p: Array, reference: float, counts: int, time: float) -> float:
     """u = k_r r - k_θ θ - k_ω ω + ∫ k_i (r - y) dt."""
-    new = x.copy()
+    for k in range(len(x)):
+        new[k] = x[k]
     dt = take_sample(new, p, counts, time)
     position, speed = new[TRAVEL] * p[SCALE], new[SPEED]
     if x[SEEN] == ONE_SAMPLE:
         complete_switch(new, p, p[K_SPEED])
     y = speed if p[FOLLOWS_SPEED] != 0.0 else position
     feedback = p[K_REFERENCE] * reference - p[K_POSITION] * position - p[K_SPEED] * speed
-    return new, settle_voltage(new, p, dt, reference - y, feedback)
+    return settle_voltage(new, p, dt, reference - y, feedback)
 
 
-@compiled
+@strictly_compiled
 def take_sample(new: Array, p: Array, counts: int, time: float) -> float:
     """Take a sample into a state: travel and filtered speed. Return the time since the sample before, 0 where there was none.
 
@@ -122,14 +148,14 @@ def take_sample(new: Array, p: Array, counts: int, time: float) -> float:
     return float(dt)
 
 
-@compiled
+@strictly_compiled
 def lowpass_step(y: float, x: float, x_before: float, h: float) -> float:
     """Return the next output of ω/(s + ω) by the trapezoid rule, with h = ω dt: the stage `lowpass`."""
     gain = 0.5 * h / (1.0 + 0.5 * h)
     return (1.0 - 0.5 * h) / (1.0 + 0.5 * h) * y + gain * (x + x_before)
 
 
-@compiled
+@strictly_compiled
 def complete_switch(new: Array, p: Array, per_speed: float) -> None:
     """Give back to the integral or the bias what the voltage loses to a speed that was not known at the switch."""
     if new[SEEN] != UNDER_WAY:
@@ -140,7 +166,7 @@ def complete_switch(new: Array, p: Array, per_speed: float) -> None:
         new[BIAS] += per_speed * new[SPEED]
 
 
-@compiled
+@strictly_compiled
 def settle_voltage(new: Array, p: Array, dt: float, error: float, feedback: float) -> float:
     """Return the voltage with the integral and the bias of this tick; where it is beyond a limit, take the integral back.
 

@@ -30,7 +30,6 @@ LAWS: tuple[type[Controller], ...] = (OpenLoop, Pid, Lead, StateFeedback)
 BLOCK_ROWS = 4096  # that are handed on at once
 FEWEST_TICKS = 1000  # fewer are done before the compiled block is loaded, which takes 10 ms
 _LONGEST_WAIT = 512  # ticks
-_DRAWS = 5  # of normal numbers in a tick, at most: three for a random torque, one for each noisy sensor
 
 
 @runtime_checkable
@@ -172,7 +171,10 @@ class _Block:
         self._columns = 7 + sensors + (self._running is not None)
         self._rows, self._filled = np.empty((0, self._columns)), 0
         self._last: Tick | None = None
-        self._noisy = self._handed.factor is not None or bool(p[at.SPEED_NOISE] or p[at.CURRENT_NOISE])
+        self._factor = np.empty((0, 3)) if self._handed.factor is None else self._handed.factor
+        # Normal numbers in a tick, at most.
+        noisy_sensors = sum(p[k] != 0.0 for k in (at.SPEED_NOISE, at.CURRENT_NOISE))
+        self._draws = len(self._factor) + int(noisy_sensors)
 
     def run(self, due: int, end: int) -> int:
         """Do the ticks from `due` to before `end`, and return the number of the next one."""
@@ -206,10 +208,10 @@ class _Block:
         block, count = self._handed, len(references)
         coming = np.concatenate([block.coming, np.empty((count, 2))])
         block.s[[at.FIRST_COMING, at.COMING, at.DRAWS]] = 0.0, len(block.coming), 0.0
-        with _Normals(block, count if self._noisy else 0) as drawn:
+        with _Normals(block, count * self._draws) as normals:
             done = run_block(
                 block.coefficients, block.p, block.s, self._new, coming, self._law, self._gains, self._x, self._after, references,
-                drawn.normals, drawn.shocks, self._rows[self._filled :],
+                normals, self._factor, self._rows[self._filled :],
             )  # fmt: skip
         block.coming = coming[int(block.s[at.FIRST_COMING]) : int(block.s[at.COMING])]
         self._filled += done
@@ -243,26 +245,19 @@ class _Block:
 
 
 class _Normals:
-    """Normal numbers for a block of ticks, drawn ahead; those that it leaves are drawn again by the next one.
+    """Normal numbers for a block of ticks, drawn ahead; those that it leaves are drawn again by the next one."""
 
-    `shocks` is what each three that follow each other make of the random torque of a tick.
-    """
+    def __init__(self, block: Handover, count: int) -> None:
+        self._block, self._count = block, count
 
-    def __init__(self, block: Handover, ticks: int) -> None:
-        self._block, self._ticks = block, ticks
-        self.normals, self.shocks = np.empty(0), np.empty((0, 3))
-
-    def __enter__(self) -> Self:
-        if self._ticks and self._block.random:
-            self._before = self._block.random.bit_generator.state
-            self.normals = self._block.random.standard_normal(_DRAWS * self._ticks)
-            if self._block.factor is not None:
-                windows = np.lib.stride_tricks.sliding_window_view(self.normals, 3)
-                # As a product for each: a product of matrices may add in another order.
-                self.shocks = np.matmul(self._block.factor, windows[:, :, None])[:, :, 0].copy()
-        return self
+    def __enter__(self) -> Array:
+        if not (self._count and self._block.random):
+            return np.empty(0)
+        self._before = self._block.random.bit_generator.state
+        return self._block.random.standard_normal(self._count)
 
     def __exit__(self, *_: object) -> None:
-        if self._ticks and self._block.random:
+        drawn = int(self._block.s[at.DRAWS])
+        if self._block.random and drawn < self._count:
             self._block.random.bit_generator.state = self._before
-            self._block.random.standard_normal(int(self._block.s[at.DRAWS]))
+            self._block.random.standard_normal(drawn)

@@ -7,9 +7,6 @@ a shaft that may be running away) isn't done: the block ends before it, and `run
 The numbers p (P,) and the state s (S,) are laid out in `servobench.rig.devices.handover`, c (19,) are the motor's coefficients.
 Of a control law x (X,) is the state, `gains` (G,) are its numbers, and `after` (X,) is the next state. `coming` (M, 2) has the
 voltages that are yet to act, `normals` (R,) normal numbers, and `rows` (N, C) what is recorded. Everything is in SI units.
-
-What is kept on disk of the compiled code is renewed by a change of this file, not of the kernels that it calls: after one of
-those delete `__pycache__`.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ import math
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.compiled import compiled, keep_apart, strictly_compiled
+from servobench.core.compiled import stack_room, strictly_compiled, strictly_inlined
 from servobench.rig.devices import handover as at
 from servobench.rig.devices.guard.plausibility import BAND, BLOCKED_SHARE
 from servobench.rig.devices.guard.polarity import FEWEST_COUNTS, FEWEST_POINTS, MOST_POINTS
@@ -30,6 +27,7 @@ from servobench.systems.control import kernels as laws
 
 PID, LEAD = 1, 2
 _FAR = 2.0**62  # counts
+room_of_numbers, room_of_state = stack_room(at.NUMBERS), stack_room(at.FIRST_POINT)
 
 
 @strictly_compiled
@@ -45,119 +43,92 @@ def run_block(
     after: Array | None,
     references: Array,
     normals: Array,
-    shocks: Array,
+    factor: Array,
     rows: Array,
 ) -> int:
     """Do the ticks after the last one, one for each reference (N,), and return how many were ordinary; the rest isn't done.
 
     Changes `s`, the control law's state `x`, and the queue `coming` (M + N, 2) of which s says what is filled; `new` and `after`
-    are room for the next s and x. `normals` are drawn in advance, five a tick, or none; `shocks` (.., 3) is what each three in
-    a row make of a random torque.
+    are room for the next s and x. `normals` are drawn in advance, as many as the ticks may need; `factor` (3, 3) is what three
+    of them do as a random torque, (0, 3) without one.
     Fills a row for each tick: time, commanded, applied, counts, tachometer and current where there are any, time due, late,
     saturated, and the reference under control.
     """
-    for k in range(len(s)):
+    for k in range(at.FIRST_POINT, len(s)):
         new[k] = s[k]
-    for n in range(len(references)):
+    # The numbers are those of this function alone, so that they may stand in registers.
+    held, begun, ended = room_of_numbers(), room_of_state(), room_of_state()
+    for k in range(at.NUMBERS):
+        held[k] = p[k]
+    for k in range(at.FIRST_POINT):
+        begun[k] = s[k]
+    done = 0
+    while done < len(references):
+        reference = references[done]
         for k in range(at.FIRST_POINT):
-            new[k] = s[k]
-        new[at.INDEX] += 1.0
-        now = new[at.INDEX] * p[at.TICK]
-        if not (now < math.inf and advance_to(c, p, new, coming, normals, shocks, now)):
-            return n
-        turned = np.floor(new[at.THETA] * p[at.COUNTS_PER_REV] / (2 * math.pi))
-        if not -_FAR < turned < _FAR:
-            return n
-        counts = wrap(int(turned), int(p[at.HALF_RANGE]))
-        read_sensors(p, new, normals)
-        if not (math.isfinite(new[at.SEEN_SPEED]) and math.isfinite(new[at.SEEN_CURRENT])):
-            return n
-        take_motion(p, new, counts, now)
-        if new[at.TIME] - new[at.FED_AT] > p[at.TIMEOUT] or is_alarming(p, new) or stalls(p, new):
-            return n
-        if p[at.PATIENCE] > 0.0 and stands_still(p, new):
-            return n
-        looked = p[at.POLARITY] != 0.0 and gather_impulse(p, new)
-        if looked and may_run_away(p, new):
-            return n
-        commanded = references[n]
+            ended[k] = begun[k]
+        if not latch(c, held, ended, coming, normals, factor):
+            break
+        counts, time = int(ended[at.COUNTS]), ended[at.TIME]
+        looked = held[at.POLARITY] != 0.0 and gather_impulse(held, ended)
+        if looked and may_run_away(held, ended, new):
+            break
+        commanded = reference
         if gains is not None and x is not None and after is not None:
-            commanded = control(law, x, gains, references[n], counts, now, after)
-        if not (math.isfinite(references[n]) and math.isfinite(commanded)):
-            return n
-        write_voltage(p, new, coming, commanded, now)
+            commanded = control(law, x, gains, reference, counts, time, after)
+        if not (math.isfinite(reference) and math.isfinite(commanded)):
+            break
+        write_voltage(held, ended, coming, commanded, time)
         for k in range(at.FIRST_POINT):
-            s[k] = new[k]
+            begun[k] = ended[k]
         if looked:
-            for k in range(at.FIRST_POINT, len(s)):
+            for k in range(at.FIRST_POINT, at.FIRST_POINT + at.POINT * int(ended[at.POINTS])):
                 s[k] = new[k]
         if x is not None and after is not None:
             for k in range(len(x)):
                 x[k] = after[k]
-        fill(rows, n, p, s, references[n], counts, now)
-    return len(references)
+        fill(rows, done, held, ended, reference)
+        done += 1
+    for k in range(at.FIRST_POINT):
+        s[k] = begun[k]
+    return done
 
 
-@compiled
-def tick_apart(c: Array, i: float, w: float, theta: float, v: float) -> tuple[float, float, float]:
-    """Return the motor's state one tick later, as a call from Python does."""
-    keep_apart()
-    return motor.tick(c, i, w, theta, v)
+@strictly_inlined
+def latch(c: Array, p: Array, s: Array, coming: Array, normals: Array, factor: Array) -> bool:
+    """Carry the motor to the next tick, read it and check what was read; return False where that isn't ordinary."""
+    s[at.INDEX] += 1.0
+    now = s[at.INDEX] * p[at.TICK]
+    if not (now < math.inf and advance_to(c, p, s, coming, normals, factor, now)):
+        return False
+    turned = np.floor(s[at.THETA] * p[at.COUNTS_PER_REV] / (2 * math.pi))
+    if not -_FAR < turned < _FAR:
+        return False
+    counts = wrap(int(turned), int(p[at.HALF_RANGE]))
+    read_sensors(p, s, normals)
+    if not (math.isfinite(s[at.SEEN_SPEED]) and math.isfinite(s[at.SEEN_CURRENT])):
+        return False
+    take_motion(p, s, counts, now)
+    if s[at.TIME] - s[at.FED_AT] > p[at.TIMEOUT] or is_alarming(p, s) or stalls(p, s):
+        return False
+    return not (p[at.PATIENCE] > 0.0 and stands_still(p, s))
 
 
-@compiled
-def switching_apart(
-    c: Array, i: float, w: float, theta: float, v: float, t: float
-) -> tuple[float, float, float]:
-    """Return the motor's state a part of a tick t later, as a call from Python does."""
-    keep_apart()
-    return motor.advance_switching(c, i, w, theta, v, t)
-
-
-@compiled
-def pid_apart(x: Array, gains: Array, reference: float, counts: int, time: float, after: Array) -> float:
-    """Return the voltage of PID, and fill its next state in, as a call from Python does."""
-    keep_apart()
-    found, voltage = laws.pid(x, gains, reference, counts, time)
-    after[:] = found
-    return voltage
-
-
-@compiled
-def lead_apart(x: Array, gains: Array, reference: float, counts: int, time: float, after: Array) -> float:
-    """Return the voltage of a lead, and fill its next state in, as a call from Python does."""
-    keep_apart()
-    found, voltage = laws.lead(x, gains, reference, counts, time)
-    after[:] = found
-    return voltage
-
-
-@compiled
-def state_feedback_apart(
-    x: Array, gains: Array, reference: float, counts: int, time: float, after: Array
-) -> float:
-    """Return the voltage of a state feedback, and fill its next state in, as a call from Python does."""
-    keep_apart()
-    found, voltage = laws.state_feedback(x, gains, reference, counts, time)
-    after[:] = found
-    return voltage
-
-
-@strictly_compiled
+@strictly_inlined
 def control(
     law: int, x: Array, gains: Array, reference: float, counts: int, time: float, after: Array
 ) -> float:
     """Return the voltage of a control law, and fill its next state in."""
     if law == PID:
-        return pid_apart(x, gains, reference, counts, time, after)
+        return laws.pid_into(after, x, gains, reference, counts, time)
     if law == LEAD:
-        return lead_apart(x, gains, reference, counts, time, after)
-    return state_feedback_apart(x, gains, reference, counts, time, after)
+        return laws.lead_into(after, x, gains, reference, counts, time)
+    return laws.state_feedback_into(after, x, gains, reference, counts, time)
 
 
-@strictly_compiled
+@strictly_inlined
 def advance_to(
-    c: Array, p: Array, s: Array, coming: Array, normals: Array, shocks: Array, time: float
+    c: Array, p: Array, s: Array, coming: Array, normals: Array, factor: Array, time: float
 ) -> bool:
     """Carry the motor forward to a time, as `Plant.advance_to`; return False where that takes more than is here."""
     while s[at.FIRST_COMING] < s[at.COMING]:
@@ -165,14 +136,14 @@ def advance_to(
         if not coming[first, 0] <= time + SAME * p[at.TICK]:
             break
         s[at.FIRST_COMING] += 1.0
-        if not advance(c, p, s, normals, shocks, coming[first, 0]):
+        if not advance(c, p, s, normals, factor, coming[first, 0]):
             return False
         s[at.VOLTAGE] = coming[first, 1]
-    return advance(c, p, s, normals, shocks, time)
+    return advance(c, p, s, normals, factor, time)
 
 
-@strictly_compiled
-def advance(c: Array, p: Array, s: Array, normals: Array, shocks: Array, time: float) -> bool:
+@strictly_inlined
+def advance(c: Array, p: Array, s: Array, normals: Array, factor: Array, time: float) -> bool:
     """Carry the motor forward under one voltage."""
     h = p[at.TICK]
     while True:
@@ -184,26 +155,28 @@ def advance(c: Array, p: Array, s: Array, normals: Array, shocks: Array, time: f
             return False
         i, w, theta, v = s[at.CURRENT], s[at.SPEED], s[at.THETA], s[at.VOLTAGE]
         if step == h:
-            i, w, theta = tick_apart(c, i, w, theta, v)
+            i, w, theta = motor.tick(c, i, w, theta, v)
         else:
-            i, w, theta = switching_apart(c, i, w, theta, v, step)
-        if len(shocks) > 0 and w != 0.0:
+            i, w, theta = motor.advance_switching(c, i, w, theta, v, step)
+        if len(factor) > 0 and w != 0.0:
             if step != h:
                 return False
-            drawn = int(s[at.DRAWS])
-            i, w, theta = i + shocks[drawn, 0], w + shocks[drawn, 1], theta + shocks[drawn, 2]
+            n = int(s[at.DRAWS])
+            i += factor[0, 0] * normals[n] + factor[0, 1] * normals[n + 1] + factor[0, 2] * normals[n + 2]
+            w += factor[1, 0] * normals[n] + factor[1, 1] * normals[n + 1] + factor[1, 2] * normals[n + 2]
+            theta += factor[2, 0] * normals[n] + factor[2, 1] * normals[n + 1] + factor[2, 2] * normals[n + 2]
             s[at.DRAWS] += 3.0
         s[at.CURRENT], s[at.SPEED], s[at.THETA] = i, w, theta
         s[at.PLANT_TIME] = time if left <= (1 + SAME) * h else s[at.PLANT_TIME] + step
 
 
-@strictly_compiled
+@strictly_inlined
 def wrap(whole: int, half: int) -> int:
     """Return a count as a signed counter of 2 half numbers shows it."""
     return (whole + half) % (2 * half) - half
 
 
-@strictly_compiled
+@strictly_inlined
 def read_sensors(p: Array, s: Array, normals: Array) -> None:
     """Read the tachometer, then the current sensor; 0 where there is none."""
     if p[at.SPEED_STEP] > 0.0:
@@ -215,7 +188,7 @@ def read_sensors(p: Array, s: Array, normals: Array) -> None:
         s[at.SEEN_CURRENT] = larger(-largest, smaller(largest, quantise(seen, p[at.CURRENT_STEP])))
 
 
-@strictly_compiled
+@strictly_inlined
 def noise(s: Array, normals: Array, deviation: float) -> float:
     """Return the next number of a normal distribution; without a deviation none is drawn."""
     if deviation == 0.0:
@@ -224,25 +197,25 @@ def noise(s: Array, normals: Array, deviation: float) -> float:
     return float(0.0 + deviation * normals[int(s[at.DRAWS]) - 1])
 
 
-@strictly_compiled
+@strictly_inlined
 def quantise(value: float, step: float) -> float:
     """Return the nearest multiple of a step; a whole number of Python is never -0."""
     return float((np.rint(value / step) + 0.0) * step)
 
 
-@strictly_compiled
+@strictly_inlined
 def smaller(a: float, b: float) -> float:
     """Return min(a, b) as Python does."""
     return b if b < a else a
 
 
-@strictly_compiled
+@strictly_inlined
 def larger(a: float, b: float) -> float:
     """Return max(a, b) as Python does."""
     return b if b > a else a
 
 
-@strictly_compiled
+@strictly_inlined
 def take_motion(p: Array, s: Array, counts: int, time: float) -> None:
     """Take a sample, as `Motion.take`."""
     dt = time - s[at.TIME]
@@ -261,7 +234,7 @@ def take_motion(p: Array, s: Array, counts: int, time: float) -> None:
     s[at.FASTEST] = fastest
 
 
-@strictly_compiled
+@strictly_inlined
 def is_alarming(p: Array, s: Array) -> bool:
     """Return whether a monitor without a memory has an alarm: of current, speed, travel or steps."""
     if p[at.MOST_CURRENT] < math.inf and not abs(s[at.SEEN_CURRENT]) <= p[at.MOST_CURRENT]:
@@ -279,7 +252,7 @@ def is_alarming(p: Array, s: Array) -> bool:
     return bool(step > possible + fastest * p[at.TICK] + ROUNDING)
 
 
-@strictly_compiled
+@strictly_inlined
 def stalls(p: Array, s: Array) -> bool:
     """Return whether the shaft was stalled for too long, as `StallMonitor.check`."""
     if abs(s[at.APPLIED]) <= p[at.STALL_VOLTAGE] or not abs(s[at.SMOOTH_SPEED]) < p[at.STALL_SPEED]:
@@ -293,7 +266,7 @@ def stalls(p: Array, s: Array) -> bool:
     return bool(s[at.STALLED] >= p[at.STALL_DURATION])
 
 
-@strictly_compiled
+@strictly_inlined
 def stands_still(p: Array, s: Array) -> bool:
     """Return whether the encoder stands although the motor must be turning, as `PlausibilityMonitor.check`."""
     u, dt = s[at.APPLIED], s[at.DT]
@@ -326,7 +299,7 @@ def stands_still(p: Array, s: Array) -> bool:
     return bool(s[at.AT_REST] == 0.0 and (was_at_speed or s[at.DROVE] != 0.0))
 
 
-@strictly_compiled
+@strictly_inlined
 def gather_impulse(p: Array, s: Array) -> bool:
     """Take the voltage since the last point of a motion, and return whether the next one is due, as `PolarityMonitor.check`."""
     if p[at.FEEDBACK] == 0.0:
@@ -337,52 +310,53 @@ def gather_impulse(p: Array, s: Array) -> bool:
     return bool(s[at.POINTS] == 0.0 or s[at.SINCE] >= s[at.GRID_TIME])
 
 
-@strictly_compiled
-def may_run_away(p: Array, s: Array) -> bool:
-    """Take a point of a motion, and return whether the monitor has to look at the points closely."""
+@strictly_inlined
+def may_run_away(p: Array, s: Array, points: Array) -> bool:
+    """Take a point of a motion, and return whether the monitor has to look at the points, in place of a state, closely."""
     last = at.FIRST_POINT + at.POINT * (int(s[at.POINTS]) - 1)
-    mean = (s[at.IMPULSE] - s[last + 1]) / s[at.SINCE] if s[at.POINTS] > 0.0 else 0.0
+    mean = (s[at.IMPULSE] - points[last + 1]) / s[at.SINCE] if s[at.POINTS] > 0.0 else 0.0
     s[at.SINCE] = 0.0
-    take_point(p, s, mean)
+    take_point(p, s, points, mean)
     if s[at.POINTS] <= FEWEST_POINTS or -p[at.SUSPECT_SHARE] < mean < p[at.SUSPECT_SHARE]:
         return False
     sign = 1.0 if mean > 0.0 else -1.0
-    moved = sign * (s[at.FIRST_POINT + 3] - s[at.POSITION])
+    moved = sign * (points[at.FIRST_POINT + 3] - s[at.POSITION])
     return bool(s[at.FROM_REST] != 0.0 and moved >= FEWEST_COUNTS)
 
 
-@strictly_compiled
-def take_point(p: Array, s: Array, mean: float) -> None:
+@strictly_inlined
+def take_point(p: Array, s: Array, points: Array, mean: float) -> None:
     """Take a point: time, impulse, mean voltage, position; those before the last time at rest are let go."""
     count, first = int(s[at.POINTS]), at.FIRST_POINT
     if count > 0:
         last = first + at.POINT * (count - 1)
-        sign, step = (1.0 if mean > 0.0 else -1.0), s[at.POSITION] - s[last + 3]
-        if mean * s[last + 2] <= 0.0 or sign * step > 0.0:
+        sign, step = (1.0 if mean > 0.0 else -1.0), s[at.POSITION] - points[last + 3]
+        if mean * points[last + 2] <= 0.0 or sign * step > 0.0:
             s[at.FROM_REST] = 1.0 if sign * s[at.LAST_STEP] >= -1.0 or sign * step > 0.0 else 0.0
             for k in range(at.POINT):
-                s[first + k] = s[last + k]
+                points[first + k] = points[last + k]
             count = 1
             s[at.GRID_TIME] = p[at.FINEST]
-        elif s[at.POSITION] == s[first + 3] and count >= FEWEST_POINTS:
+        elif s[at.POSITION] == points[first + 3] and count >= FEWEST_POINTS:
             for k in range(at.POINT * (count - 1)):
-                s[first + k] = s[first + at.POINT + k]
+                points[first + k] = points[first + at.POINT + k]
             count -= 1
             s[at.FROM_REST] = 1.0
         elif count >= MOST_POINTS:
             half = (count + 1) // 2
             for point in range(half):
                 for k in range(at.POINT):
-                    s[first + at.POINT * point + k] = s[first + 2 * at.POINT * point + k]
+                    points[first + at.POINT * point + k] = points[first + 2 * at.POINT * point + k]
             count = half
             s[at.GRID_TIME] *= 2.0
         s[at.LAST_STEP] = step
     here = first + at.POINT * count
-    s[here], s[here + 1], s[here + 2], s[here + 3] = s[at.TIME], s[at.IMPULSE], mean, s[at.POSITION]
+    points[here], points[here + 1] = s[at.TIME], s[at.IMPULSE]
+    points[here + 2], points[here + 3] = mean, s[at.POSITION]
     s[at.POINTS] = count + 1
 
 
-@strictly_compiled
+@strictly_inlined
 def write_voltage(p: Array, s: Array, coming: Array, commanded: float, now: float) -> None:
     """Put a voltage out within the limits, as `Guarded.write` and `Twin.write`."""
     u = commanded
@@ -409,10 +383,11 @@ def write_voltage(p: Array, s: Array, coming: Array, commanded: float, now: floa
     s[at.CLIPPED] += s[at.SATURATED]
 
 
-@strictly_compiled
-def fill(rows: Array, n: int, p: Array, s: Array, reference: float, counts: int, now: float) -> None:
+@strictly_inlined
+def fill(rows: Array, n: int, p: Array, s: Array, reference: float) -> None:
     """Write the row of a tick that is done."""
-    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, s[at.COMMANDED], s[at.APPLIED], counts
+    now = s[at.TIME]
+    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, s[at.COMMANDED], s[at.APPLIED], s[at.COUNTS]
     k = 4
     if p[at.SPEED_STEP] > 0.0:
         rows[n, k] = s[at.SEEN_SPEED]

@@ -19,7 +19,7 @@ class Exact:
 
     The linear step is e^(A h) of the sliding motor; friction is the implicit step (Moreau 1988) d = clip(ω_free, ±c₁), which is
     exact unless the shaft stops or starts within the tick; such a tick is cut at its switching times.
-    `coefficients` (19,) are the kernels' for ticks of that length [s].
+    `coefficients` (33,) are the kernels' for ticks of that length [s].
     """
 
     coefficients: Array
@@ -48,7 +48,7 @@ class Exact:
 
 
 def coefficients(physics: Physics, h: float) -> Array:
-    """Return the kernels' coefficients (19,) for a tick h [s], as laid out in `servobench.rig.motor.kernels`.
+    """Return the kernels' coefficients (33,) for a tick h [s], as laid out in `servobench.rig.motor.kernels`.
 
     From E = e^(h A₅), A₅ the matrix of (i, ω, θ) with the held voltage and friction torque as two more states.
     """
@@ -60,6 +60,11 @@ def coefficients(physics: Physics, h: float) -> Array:
     r, l, k = physics.resistance, physics.inductance, physics.motor_constant
     j, b, tc = physics.inertia, physics.viscous_friction, physics.coulomb_torque
     c[n.R], c[n.L], c[n.K], c[n.J], c[n.B], c[n.TC], c[n.H] = r, l, k, j, b, tc, h
+    left = 1.0 - h * (b + k * k / r) / j
+    push = h / (j * left) if left > 0.0 else math.inf
+    c[n.PER_AMPERE], c[n.PER_VOLT], c[n.LEAST] = push * k, push * k / r, push * tc if tc else 0.0
+    both = r * b + k * k
+    c[n.I_V], c[n.I_T], c[n.W_V], c[n.W_T] = b / both, k / both, k / both, r / both
     if l == 0:
         rate = (b + k * k / r) / j
         e, g = math.exp(-rate * h), -math.expm1(-rate * h) / rate
@@ -68,6 +73,10 @@ def coefficients(physics: Physics, h: float) -> Array:
         c[n.Q] = ((h - g) / rate) / g
         c[n.A01], c[n.B0], c[n.G] = -k / r * e, 1 / r - k / r * c[n.B1], k / r
         return c
+    c[n.AII], c[n.AIW], c[n.AWI], c[n.AWW] = -r / l, -k / l, k / j, -b / j
+    c[n.M] = 0.5 * (c[n.AII] + c[n.AWW])
+    c[n.DET] = c[n.AII] * c[n.AWW] - c[n.AIW] * c[n.AWI]
+    c[n.D2] = c[n.M] ** 2 - c[n.DET]
     a = np.zeros((5, 5))
     a[0] = [-r / l, -k / l, 0, 1 / l, 0]
     a[1] = [k / j, -b / j, 0, 0, -1 / j]
