@@ -20,6 +20,9 @@ from servobench.fleet.settings import Settings
 from servobench.fleet.source import Item, Source, list_items, source_at
 from servobench.fleet.worker import identify_item
 
+PATIENCE = "10s"
+"""How long a scheduler has to answer."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
@@ -136,7 +139,7 @@ def pool_of(work: Callable[[Any], Any], count: int, scheduler: str | None) -> It
             f"`scheduler={scheduler}`: needs Dask; python -m pip install 'servobench[fleet]'"
         ) from None
     try:
-        client = distributed.Client(scheduler, timeout="10s", set_as_default=False)
+        client = distributed.Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         why = (str(error).splitlines() or ["no reason given"])[0]
         raise UsageError(
