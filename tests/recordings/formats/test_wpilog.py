@@ -155,6 +155,13 @@ def test_the_text_about_an_entry_may_say_its_unit(metadata: str, unit: str | Non
     assert one(tmp_path, log)["x"].channel.unit == unit
 
 
+def test_a_text_about_an_entry_that_is_cut_short_says_nothing(tmp_path: Path) -> None:
+    cut = record(0, 0, struct.pack("<BII", 2, 1, len("radian")) + b"rad")
+    log = HEADER + start(1, "x", metadata="degree") + cut + double(1, 1, 1.0)
+
+    assert one(tmp_path, log)["x"].channel.unit == "degree"
+
+
 def test_a_value_of_another_size_than_its_type_is_left_out(tmp_path: Path) -> None:
     log = HEADER + start(1, "u") + double(1, 1, 1.0) + record(1, 2, b"123") + double(1, 3, 3.0)
 
