@@ -10,11 +10,11 @@ import numpy as np
 
 from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.settings import PositiveVoltage
-from servobench.recordings.recording import Recording
+from servobench.recordings.recording import Recording, Stopped
 from servobench.rig.commission.acceptance import Acceptance, commission
 from servobench.rig.commission.bench import Bench
 from servobench.rig.commission.checks.base import Outcome
-from servobench.rig.devices.base import Device
+from servobench.rig.devices.base import Device, RunEnded
 from servobench.rig.devices.faulty import with_faults
 from servobench.rig.devices.twin import Twin, TwinSettings
 from servobench.rig.experiment import Experiment
@@ -73,6 +73,17 @@ class DeadStallTwin(Twin):
     """It has a setting for a stall, and does nothing about one."""
 
     Settings: ClassVar[type[TwinSettings]] = _StallSettings
+
+
+class HastyStallTwin(DeadStallTwin):
+    """It takes a shaft that stands for a second for a stalled one, once it is set to a lower voltage."""
+
+    def read(self) -> Sample:
+        sample = super().read()
+        assert isinstance(self.settings, _StallSettings)
+        if self.settings.stall_voltage < 5.0 and sample.time > 1.0:
+            raise RunEnded(Stopped(reason="fault", sentence="the board reports a stall"), sample)
+        return sample
 
 
 class NarrowTwin(Twin):

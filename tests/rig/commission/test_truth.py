@@ -4,6 +4,7 @@ import pytest
 
 from tests.rig.commission.benches import (
     DeadWatchdogTwin,
+    HastyStallTwin,
     NarrowTwin,
     SimulatedPerson,
     TurnedTwin,
@@ -142,6 +143,13 @@ def test_a_heavy_shaft_that_coasts_is_no_runaway() -> None:
 
 def test_a_coarse_encoder_will_do() -> None:
     assert not commissioned(counts_per_rev=48).acceptance.failed
+
+
+def test_a_stall_that_is_cut_off_too_early_has_failed() -> None:
+    found = commissioned(HastyStallTwin)
+
+    assert found.outcome("stall").state == "failed"
+    assert "the board reports a stall" in found.outcome("stall").found
 
 
 def test_the_sign_of_the_counts_does_not_stop_the_other_checks() -> None:

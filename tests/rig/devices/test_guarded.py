@@ -362,6 +362,25 @@ def test_start_and_watchdog_values_are_put_out() -> None:
 
 
 @pytest.mark.promise("S12")
+@pytest.mark.parametrize(("starves", "voltage"), [(True, 0.25), (False, 0.5)])
+def test_what_stopped_the_motor_decides_what_is_held_until_it_is_acknowledged(
+    starves: bool, voltage: float
+) -> None:
+    limits = Limits(watchdog=Watchdog(voltage=0.25), terminate=Outputs(voltage=0.5))
+    now, shaft = Time(), Shaft(timing="host")
+    guarded = started(shaft, limits, when_faulted="hold", now=now)
+    tick(guarded)
+    if starves:
+        now.now += 1.0
+        guarded.look()
+    else:
+        tick(guarded, math.nan)
+
+    assert tick(guarded, 5.0) == voltage
+    guarded.stop()
+
+
+@pytest.mark.promise("S12")
 def test_the_start_value_comes_with_the_first_sample_and_is_slewed_and_watched_as_any_other() -> None:
     limits = Limits(start=Outputs(voltage=5.0), slew=100.0, watchdog=Watchdog(voltage=0.25))
     now, motor = Time(), Bench()
