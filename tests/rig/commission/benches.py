@@ -57,6 +57,31 @@ class DeadWatchdogTwin(Twin):
         return False
 
 
+class WeakWatchdogTwin(DeadWatchdogTwin):
+    """It halves the voltage in place of taking it away, 50 samples after the last one came."""
+
+    _last, _since = 0.0, 0
+
+    def write(self, voltage: float) -> float:
+        self._last, self._since = voltage, 0
+        return super().write(voltage)
+
+    def read(self) -> Sample:
+        sample = super().read()
+        self._since += 1
+        if self._since > 50:
+            super().write(self._last / 2)
+        return sample
+
+
+class EarlyTwin(Twin):
+    """It says that it is 6 ms late, and isn't."""
+
+    @property
+    def info(self) -> DeviceInfo:
+        return replace(super().info, delay=0.006)
+
+
 class OneWayTwin(Twin):
     """The direction pin of its bridge is dead."""
 
