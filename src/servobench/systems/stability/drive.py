@@ -40,11 +40,6 @@ class Drive:
     rate: float
     coefficient: float
 
-    def envelope(self, t: Array) -> Array:
-        """Return what the size of the output grows like at times t (N,) [s] after the input began, for an input of size 1."""
-        later = np.maximum(t - self.system.delay, 0.0)
-        return np.asarray(self.coefficient * later**self.power * np.exp(self.rate * later), dtype=np.float64)
-
     def simulate(self, t: Array) -> Array:
         """Return the output (N,) at times t [s], from rest, computed from the system itself and not from its poles."""
         omega = abs(self.pole.imag) if self.rate == 0 else 0.0
