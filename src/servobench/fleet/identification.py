@@ -26,7 +26,7 @@ PATIENCE = "10s"
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """How far it is: files that this command has done, those that it had to do, and those that were done before."""
+    """The progress: files that this command has done, those that it had to do, and those that were done before."""
 
     done: int
     due: int
@@ -36,7 +36,7 @@ class Progress:
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """What a command did: files identified now and before, and files that are no recordings."""
+    """A command's summary: files identified now and before, and files that are no recordings."""
 
     identified: int
     before: int

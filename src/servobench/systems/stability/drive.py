@@ -47,7 +47,7 @@ class Drive:
 
     @property
     def sentence(self) -> str:
-        """What to put in, and what comes out, in words."""
+        """The input, and the output that it leads to, in words."""
         sinusoid = self.rate == 0 and self.pole.imag != 0
         what = f"A sinusoid of {plain(abs(self.pole.imag))} rad/s" if sinusoid else "A constant"
         how = "in proportion to " + {1: "time", 2: "the square of time"}.get(
