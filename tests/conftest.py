@@ -1,6 +1,7 @@
 """What every test may use: real recordings where they are at hand, and the rules that hold under CI."""
 
 import gc
+import multiprocessing
 import os
 import signal
 import sys
@@ -17,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")
 UNDER_CI = os.environ.get("CI", "").lower() in {"1", "true", "yes"}
 
-# Two files are run at a time. With a thread for each core in both, the linear algebra of 4 x 4 matrices would wait for the
+# Several files are run at a time. With a thread for each core in each, the linear algebra of 4 x 4 matrices would wait for the
 # others: three quarters of a frequency response's fit. NumPy reads it when it is imported, here and in what is started.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -132,6 +133,19 @@ def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest
     if UNDER_CI:
         fail_unlisted_skip(report)
     return report
+
+
+@pytest.fixture(scope="module")
+def quick_workers() -> Iterator[None]:
+    """Workers of a fleet in forks of a process that has identified a motor; usually each imports all that by itself."""
+    from servobench.fleet import pool
+
+    with pytest.MonkeyPatch.context() as patch:
+        if "forkserver" in multiprocessing.get_all_start_methods():
+            context = multiprocessing.get_context("forkserver")
+            context.set_forkserver_preload(["tests.fleet.warm"])
+            patch.setattr(pool, "get_context", lambda _: context)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """How often intervals of 95 % may cover, and how far estimates may be off, in so many runs: what a few runs can show.
 
-A few runs show little by counting: of 20 intervals 19 cover, give or take 2.5, whether they are right or far too wide. The mean
+A few runs show little by counting: of 12 intervals 11 cover, give or take 2, whether they are right or far too wide. The mean
 square of what estimates are off, in their own standard deviations, tells that: it is 1. Their mean is 0, unless there is a bias.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-FEW = 20
+FEW = 12
 SOME = 40
 RUNS = [FEW, pytest.param(SOME, marks=pytest.mark.long), pytest.param(200, marks=pytest.mark.long)]
 """As a parameter `runs` of a test: a few, and in `make test-long` more and many."""

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -33,13 +34,18 @@ class Ended:
 
 def checked(result: dict[str, Any]) -> dict[str, Any]:
     """Return a result that the packaged schema allows."""
+    _validator().validate(result)
+    return result
+
+
+@cache
+def _validator() -> jsonschema.Draft202012Validator:
     schema = json.loads(
         files("servobench").joinpath("identification/schemas/result-2.json").read_text(encoding="utf-8")
     )
-    jsonschema.Draft202012Validator(
+    return jsonschema.Draft202012Validator(
         schema, format_checker=jsonschema.Draft202012Validator.FORMAT_CHECKER
-    ).validate(result)
-    return result
+    )
 
 
 Command = Callable[..., Ended]

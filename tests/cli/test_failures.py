@@ -238,6 +238,16 @@ def test_a_reader_that_leaves_is_no_reason_to_complain(words: list[str]) -> None
     assert (child.returncode, err) == (5, b"")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has a device that is always full")
+def test_what_is_still_in_the_buffer_when_the_disk_is_full_is_an_error_too() -> None:
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "servobench", "signals"], env=environment(), stdout=full, stderr=subprocess.PIPE
+        )  # fmt: skip
+
+    assert (ended.returncode, ended.stderr) == (5, b"Error: No space left on device\n")
+
+
 @pytest.mark.parametrize("words", [["--help"], ["signals"]], ids=" ".join)
 def test_a_process_without_any_output_doesn_t_fail(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from servobench.cli import main

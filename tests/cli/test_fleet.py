@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from servobench.cli import main
-from servobench.fleet import page
+from servobench.fleet import identification, page
 from servobench.fleet.parts import rows_in
 from servobench.fleet.repeatability import gauge_study
 from tests.cli.conftest import Command
@@ -26,6 +26,8 @@ from tests.fleet.motors import comparable, write_fleet
 
 PATTERN = ("--pattern", "{line}/{serial}_{date}.csv")
 WORKERS = ("--workers", "1")
+
+pytestmark = pytest.mark.usefixtures("quick_workers")
 
 
 def valid(text: str, schema: str) -> dict[str, Any]:
@@ -40,7 +42,7 @@ def valid(text: str, schema: str) -> dict[str, Any]:
 @pytest.fixture(autouse=True)
 def _few_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report takes longer than ten identifications."""
-    monkeypatch.setattr(page, "WORST", 2)
+    monkeypatch.setattr(page, "WORST", 1)
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +197,7 @@ def test_a_stand_s_repeatability_is_told(servobench: Command, tmp_path: Path) ->
 
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(servobench: Command, tmp_path: Path) -> None:
     stand, out = tmp_path / "stand", tmp_path / "out"
-    names = write_fleet(stand, 20)
+    names = write_fleet(stand, 8)
     words = ["fleet", str(stand), "--out", str(out), *COLUMNS, *WORKERS]
     lines = (
         "import sys",
@@ -251,7 +253,10 @@ def test_a_folder_is_watched(tmp_path: Path) -> None:
     assert (out / "report.html").exists()
 
 
-def test_a_scheduler_that_isn_t_there_is_told(servobench: Command, tmp_path: Path) -> None:
+def test_a_scheduler_that_isn_t_there_is_told(
+    servobench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identification, "PATIENCE", "0.5s")
     write_fleet(tmp_path / "stand", 1)
     ended = servobench(
         "fleet", tmp_path / "stand", "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9", *COLUMNS

@@ -93,7 +93,7 @@ def mat_7(path: Path) -> None:
 
 @needs_linux
 @pytest.mark.promise("S58")
-@pytest.mark.parametrize("make", [mat_5, mat_7])
+@pytest.mark.parametrize("make", [pytest.param(mat_5, marks=pytest.mark.long), mat_7])
 def test_a_mat_file_that_unpacks_to_a_gigabyte_is_refused(
     make: Callable[[Path], None], tmp_path: Path
 ) -> None:

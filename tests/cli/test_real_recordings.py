@@ -106,6 +106,19 @@ def test_a_table_without_times_is_asked_for_its_sample_time(
     assert "--sample-time" in ended.err
 
 
+POTENTIOMETERS: dict[str, dict[str, Any]] = {}
+"""The results of these recordings by their names, once they were identified."""
+
+
+def potentiometer(name: str, servobench: Command, real_data: RealData) -> dict[str, Any]:
+    """The result of a recording of a coarse potentiometer."""
+    if name not in POTENTIOMETERS:
+        columns = ("--input", "4:%", "--output", "2:deg", "--sample-time", "0.002")
+        path = real_data(f"gkeiel_pot_servo/{name}.csv")
+        POTENTIOMETERS[name] = servobench("identify", path, *columns, "--json").result
+    return POTENTIOMETERS[name]
+
+
 @pytest.mark.parametrize("name", ["gk_pid", "gk_pid_step", "gk_repetitive"])
 def test_a_coarse_potentiometer_tells_the_gain_and_the_whole_lag(
     name: str,
@@ -116,9 +129,7 @@ def test_a_coarse_potentiometer_tells_the_gain_and_the_whole_lag(
 
     The same fit predicts 72 to 78 % of the other two, which says nothing of their gain: they are held against each other.
     """
-    columns = ("--input", "4:%", "--output", "2:deg", "--sample-time", "0.002")
-
-    result = servobench("identify", real_data(f"gkeiel_pot_servo/{name}.csv"), *columns, "--json").result
+    result = potentiometer(name, servobench, real_data)
 
     found = result["parameters"]
     assert {"resolution-coarse", "residual-coloured"} <= codes(result)
@@ -127,9 +138,7 @@ def test_a_coarse_potentiometer_tells_the_gain_and_the_whole_lag(
         assert found["time_constant"]["state"] != "known"
         assert result["verdict"] == "doubtful"
     if name == "gk_repetitive":
-        other = servobench("identify", real_data("gkeiel_pot_servo/gk_pid.csv"), *columns, "--json").result[
-            "parameters"
-        ]
+        other = potentiometer("gk_pid", servobench, real_data)["parameters"]
         assert holds(found["gain"], other["gain"]["value"])
         assert holds(other["gain"], found["gain"]["value"])
         # The lowest sum of squares lies at no time constant at all and a delay of 58 ms, which is no motor: it says so.

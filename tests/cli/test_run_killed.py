@@ -94,6 +94,7 @@ def test_ctrl_c_before_a_run_begins_leaves_no_folder_and_says_so(host: Path, tmp
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.long  # it waits for 15 s; tests/rig/loop/test_attendants.py has the same with a clock of its own
 @pytest.mark.promise("S23")
 def test_a_recorder_that_hangs_is_told_of_and_costs_nothing(host: Path, tmp_path: Path) -> None:
     with started("run", host, "--out", tmp_path / "run") as child:

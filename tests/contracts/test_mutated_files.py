@@ -1,8 +1,6 @@
 """A damaged file of any format gives recordings, or an error that names the file; no traceback, no hang, and little memory."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +8,7 @@ import pytest
 
 from servobench.recordings.formats.base import FORMATS
 from servobench.recordings.loading.load import load
+from tests import forks
 from tests.recordings.formats.makers import MAKERS, make
 
 COUNTS = [100, pytest.param(1000, marks=pytest.mark.long)]
@@ -19,14 +18,8 @@ LONGEST = 500  # seconds; a thousand files take about ten, and a hang would take
 
 def readings(path: Path, seed: int, count: int) -> dict[str, Any]:
     """Damage the file so many times, and return what came of it."""
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.recordings.formats.mutations", str(path), str(seed), str(count)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=LONGEST,
-        cwd=Path(__file__).parents[2],
-    )
+    words = ["-m", "tests.recordings.formats.mutations", str(path), str(seed), str(count)]
+    done = forks.run(words, cwd=Path(__file__).parents[2], timeout=LONGEST)
     assert done.returncode == 0, f"the reader died with {done.returncode}: {done.stderr[-2000:]}"
     assert not done.stderr  # what a library says to the terminal
     report: dict[str, Any] = json.loads(done.stdout)

@@ -171,6 +171,7 @@ def test_a_quantity_is_read_in_the_unit_asked_for(given_text: str, si: str, expe
     [
         ("10 A", "Hz", "'10 A' is a current; expected something in Hz (for example \"1 Hz\")"),
         ("10 kg", "Hz", "'10 kg': the unit measures something else; expected something in Hz"),
+        ("3 1", "rad", "'3 1': the unit measures something else"),
         ("3 1/s", "Hz", "'3 1/s': the unit measures something else"),  # a rate of what? 3 rad/s or 3 turns
         ("1 1/s", "r/min", "the unit measures something else"),
         ("1 V·s", "V·s/deg", "the unit measures something else"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import jupytext
 import pytest
@@ -21,20 +22,30 @@ def named(page: Path) -> str:
     return page.relative_to(DOCS).as_posix()
 
 
-@pytest.mark.parametrize("page", FOLLOWED, ids=named)
+LONG = {
+    "how-to/assess.md",
+    "how-to/experiment.md",
+    "how-to/fleet.md",
+    "how-to/loop.md",
+    "notebooks/design.md",
+}
+"""Pages of many runs, or of commands that start processes of their own; the tests of these commands show them with less."""
+
+
+def parameters(pages: list[Path]) -> list[Any]:
+    """Pages as parameters, those of `LONG` for `make test-long`."""
+    return [
+        pytest.param(page, id=named(page), marks=[pytest.mark.long] if named(page) in LONG else [])
+        for page in pages
+    ]
+
+
+@pytest.mark.parametrize("page", parameters(FOLLOWED))
 def test_a_page_can_be_followed_as_it_is_printed(page: Path, tmp_path: Path) -> None:
     assert Reader(tmp_path).follow(page) >= 1
 
 
-LONG = DOCS / "notebooks" / "design.md"
-"""It identifies twenty runs."""
-
-
-@pytest.mark.parametrize(
-    "page",
-    [pytest.param(page, marks=[pytest.mark.long] if page == LONG else []) for page in NOTEBOOKS],
-    ids=named,
-)
+@pytest.mark.parametrize("page", parameters(NOTEBOOKS))
 def test_a_notebook_runs_from_top_to_bottom_and_prints_what_it_shows(page: Path, tmp_path: Path) -> None:
     assert Reader(tmp_path).open(page) >= 3
 

@@ -102,3 +102,20 @@ def test_without_uncertainty_nobody_runs_a_risk() -> None:
 
     assert (risks.consumer, risks.producer) == (0.0, 0.0)
     assert risks.undecided == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("measured", "decision"),
+    [
+        (Measured(value=10.0, low=9.9, high=13.0), Decision.UNDECIDED),  # the limit is within the upper half
+        (Measured(value=10.0, low=7.0, high=10.1), Decision.FAIL),
+    ],
+)
+def test_the_half_of_an_uneven_interval_towards_a_limit_decides(
+    measured: Measured, decision: Decision
+) -> None:
+    rule = RULES["ilac-g8"]
+
+    assert decide(measured, 11.0, math.inf, rule) is decision
+    mirrored = Measured(value=-measured.value, low=-measured.high, high=-measured.low)
+    assert decide(mirrored, -math.inf, -11.0, rule) is decision

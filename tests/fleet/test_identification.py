@@ -15,6 +15,8 @@ from servobench.fleet.settings import Settings
 from tests.cli.test_each import write_motor
 from tests.fleet.motors import PATTERN, SETTINGS, comparable, write_fleet
 
+pytestmark = pytest.mark.usefixtures("quick_workers")
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 
 

@@ -67,6 +67,7 @@ def test_the_risk_of_a_motor_that_passes_is_that_of_all_its_parameters(tmp_path:
         ("[gian]\nlow = 1", "did you mean 'gain'"),
         ("[gain]\nlower = 1", "expected low, high or both"),
         ("[gain]\nlow = true", "expected a number"),
+        ("[gain]\nlow = nan", "expected a number"),
         ("gain = 3", "expected low, high or both"),
         ("[gain", "isn't TOML"),
     ],

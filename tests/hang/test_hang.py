@@ -183,7 +183,7 @@ def test_where_a_write_hangs_and_zero_volts_are_not_taken_either_the_device_is_t
     ("call", "how"),
     [
         pytest.param("read", "blocks", marks=pytest.mark.long),
-        ("read", "keeps the lock"),
+        pytest.param("read", "keeps the lock", marks=pytest.mark.long),
         ("enter", "blocks"),
         pytest.param("enter", "keeps the lock", marks=pytest.mark.long),
     ],

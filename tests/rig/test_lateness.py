@@ -70,6 +70,22 @@ def test_late_and_missed_ticks_are_counted_by_each_rule(missed: Missed, phase: P
     assert (found.missed_rule, found.phase_rule) == (missed, phase)
 
 
+def test_ticks_before_the_first_sample_are_missed() -> None:
+    whole = stalled(experiment(), lambda index: 0.0)
+    begun_late = replace(
+        whole,
+        series=tuple(
+            replace(each, values=each.values[3:], t=None if each.t is None else each.t[3:])
+            for each in whole.series
+        ),
+    )
+
+    found = lateness(begun_late)
+
+    assert found is not None
+    assert (found.samples, found.missed) == (97, 3)
+
+
 @pytest.mark.parametrize(("missed", "phase"), RULES)
 def test_every_tick_is_accounted_for_whatever_happens(missed: Missed, phase: Phase) -> None:
     """100 % of the missed ticks are counted: samples and missed ticks are all ticks, or those up to the last sample's."""

@@ -105,7 +105,10 @@ def test_a_loop_that_never_reaches_a_gain_of_one_has_no_phase_margin_to_lose() -
 
 
 def test_a_motor_wired_the_wrong_way_round_is_unstable_under_feedback() -> None:
-    assert margins(TransferFunction(numerator=(-23.8,), denominator=(0.1, 1.0, 0.0))).phase_margin < 0
+    found = margins(TransferFunction(numerator=(-23.8,), denominator=(0.1, 1.0, 0.0)))
+
+    assert found.phase_margin < 0
+    assert found.delay_margin == 0.0
 
 
 def test_systems_in_series_have_the_product_of_their_responses() -> None:

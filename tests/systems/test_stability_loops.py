@@ -39,7 +39,7 @@ def test_a_row_of_zeros_is_replaced_by_the_auxiliary_polynomials_derivative() ->
     table = routh([1, 2, 24, 48, -25, -50])
     assert table.rows[2].elements == (8, 96)
     assert "derivative of the row of s^4" in table.rows[2].note
-    assert table.first_column[-2] == pytest.approx(112.7, abs=0.05)
+    assert table.rows[-2].elements[0] == pytest.approx(112.7, abs=0.05)
     assert (table.right, table.on_axis) == (1, 2)  # ±1 and ±5j
 
 

@@ -63,7 +63,7 @@ def test_four_parameters_simulate_both_records_better_than_the_published_ones(
 
 
 @pytest.mark.parametrize("name", ["DATA_EMPS", "DATA_EMPS_PULSES"])
-@pytest.mark.parametrize("count", [5, 6])
+@pytest.mark.parametrize("count", [5, pytest.param(6, marks=pytest.mark.long)])
 def test_the_scatter_over_segments_is_what_the_stated_standard_deviations_say(
     name: str, count: int, real_data: Callable[[str], Path]
 ) -> None:

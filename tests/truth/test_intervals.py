@@ -97,7 +97,7 @@ def test_an_irregularly_sampled_record_is_hit_too() -> None:
         assert abs(fit[name].value - truth) < 3.3 * fit[name].sd, name
 
 
-@pytest.mark.parametrize("runs", [30, pytest.param(100, marks=pytest.mark.long)])
+@pytest.mark.parametrize("runs", [20, pytest.param(100, marks=pytest.mark.long)])
 def test_reversals_right_after_a_switch_are_allowed_for(runs: int) -> None:
     """With a bit of 40 ms, 4 out of 5 runs have a reversal within the winding's transient, which the model can't resolve.
 

@@ -22,7 +22,7 @@ SCHEMA = "servobench.catalogue/1"
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """What there is to know of the member `name` of a kind: a `sentence`, its `settings` or `parameters`, and other `facts`."""
+    """The entry of the member `name` of a kind: a `sentence`, its `settings` or `parameters`, and other `facts`."""
 
     name: str
     sentence: str

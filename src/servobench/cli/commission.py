@@ -154,7 +154,7 @@ class Hand:
 
 
 def _signature(name: str | None, day: str | None) -> tuple[str, str] | None:
-    """Who signs and when; raises `UsageError` for a day that is none, or a day without a name."""
+    """The name that signs and the day; raises `UsageError` for a day that is none, or a day without a name."""
     from servobench.core.errors import UsageError
 
     if name is None:
@@ -190,7 +190,7 @@ def _is_talking() -> bool:
 
 
 def _runner(folder: Path, progress: Progress) -> Runner:
-    """What carries the experiments out, each recorded to a file of its own in the folder."""
+    """The runner of the experiments, each recorded to a file of its own in the folder."""
 
     def carry_out(asked: Experiment, name: str, look: Look | None) -> Recording:
         from servobench.cli.run import device_asked_for, warn_of_danger

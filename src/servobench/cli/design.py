@@ -199,7 +199,7 @@ def _show_comparison(console: Console, made: Design) -> None:
 
 
 def _remark(each: RatedSignal) -> str:
-    """Why an experiment can't be taken as it stands."""
+    """The reason why an experiment can't be used as it is."""
     beyond = [name for name, part in each.used.items() if part > 1]
     if beyond:
         return f" beyond {' and '.join(beyond)}"

@@ -113,7 +113,7 @@ def _first_line(error: BaseException) -> str:
 
 
 def _traceback_place(error: BaseException) -> str:
-    """Where the traceback of an error of ours is, as the end of a sentence; the traceback itself where it can't be kept."""
+    """The place of the traceback of an error of ours, as the end of a sentence; the traceback itself where it can't be kept."""
     trace = "".join(traceback.format_exception(error))
     about = (
         f"servobench {__version__}, Python {platform.python_version()}, {platform.platform()}\n{sys.argv}\n\n"

@@ -243,7 +243,7 @@ def _unit_in(recording: Recording, data: Dataset) -> str:
 
 
 def _support(look: _Look) -> tuple[list[str], list[Finding]]:
-    """What the recording can be used for, what has to be stated first, and what speaks against using it."""
+    """The recording's possible use, what has to be stated first, and the findings against using it."""
     from servobench.identification.trust.doubts.base import about_data
 
     data = look.data

@@ -198,7 +198,7 @@ ReportFile = Annotated[Path | None, typer.Option("--report", metavar="FILE", hel
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How to read recordings, as a command line says it: the same options in every command that takes any.
+    """The options for reading recordings: the same in every command that takes any.
 
     The columns `time`, `input`, `output`, `supply`, `reference` and `current`, the `input_value` in place of a column, the
     `sample_time`, `counts_per_rev`, the `chain`, the `mapping` file and the names in `recording` are as they were typed; the help

@@ -106,7 +106,7 @@ def _replace_character(error: UnicodeError) -> tuple[str, int]:
 
 
 def _caret_text(text: str, n: int) -> str:
-    """How the n-th character of a text is spelled: the first of an exponent's begins with `^`, the others go on."""
+    """The spelling of the n-th character of a text: the first of an exponent's begins with `^`, the others go on."""
     digit = _EXPONENT.get(text[n])
     if digit is None:
         return _SPELLED.get(text[n], "?")

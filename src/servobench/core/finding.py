@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class Severity(StrEnum):
-    """How much a finding weighs: `info` changes nothing, `warning` makes a result doubtful, `refusal` refuses it.
+    """A finding's weight: `info` changes nothing, `warning` makes a result doubtful, `refusal` refuses it.
 
     `danger` weighs most: the motor may still be driven, and somebody has to act. It makes a result doubtful.
     """
@@ -20,7 +20,7 @@ class Severity(StrEnum):
 
 
 class Verdict(StrEnum):
-    """How far a result may be trusted."""
+    """The trust that a result deserves."""
 
     TRUSTED = "trusted"
     DOUBTFUL = "doubtful"

@@ -229,7 +229,7 @@ def quantity(given: object, si: str) -> float:
 
 
 def _why_not(symbol: str, error: UnitError) -> str:
-    """Why a quantity with this unit isn't of the expected kind, as the middle of a sentence."""
+    """The reason why a quantity with this unit isn't of the expected kind, as the middle of a sentence."""
     if not is_unit(symbol):
         return f": {error}"
     what = "frequency" if symbol.endswith("Hz") else unit(symbol).quantity

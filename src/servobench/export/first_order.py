@@ -81,7 +81,7 @@ def _friction(answer: ResultSummary) -> tuple[Estimate | None, Estimate | None]:
 
 
 def _factor(answer: ResultSummary, wanted: str, wheel_diameter: float | None) -> float:
-    """How many of the wanted unit one of the answer's unit of position is."""
+    """The factor from the result's unit of position to the wanted one."""
     position = answer.units[0]
     if position == wanted and wheel_diameter is None:
         return 1.0

@@ -21,7 +21,7 @@ CONFIDENCE = 0.95
 
 
 class Decision(StrEnum):
-    """What is said of a motor, or of one parameter of it."""
+    """The decision on a motor, or on one parameter of it."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -126,7 +126,7 @@ def decide(measured: Measured, low: float, high: float, rule: Rule) -> Decision:
 
 @dataclass(frozen=True, kw_only=True)
 class GlobalRisks:
-    """What a rule does to a production: probabilities for the next motor, of one parameter.
+    """A rule's risks in production: probabilities for the next motor, of one parameter.
 
     `consumer` is to be outside the limits and passed, `producer` to be within and failed, `undecided` to be neither passed nor
     failed.
@@ -185,7 +185,7 @@ def global_risks(mean: float, spread: float, u: float, low: float, high: float, 
 def _zones(
     u: float, low: float, high: float, rule: Rule
 ) -> tuple[tuple[float, float], tuple[tuple[float, float], tuple[float, float]]]:
-    """Where a measured value passes, and the two sides where it fails."""
+    """The interval in which a measured value passes, and the two sides on which it fails."""
     if rule.guard is not None:
         g = rule.guard * u
         return (low + g, high - g), ((-math.inf, low - g), (high + g, math.inf))

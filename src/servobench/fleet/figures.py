@@ -46,7 +46,7 @@ class ControlChart:
 
     @property
     def outside(self) -> int:
-        """How many groups lie outside the control limits."""
+        """The number of groups outside the control limits."""
         return int((np.abs(self.mean - self.centre) > self.reach).sum())
 
 

@@ -20,10 +20,13 @@ from servobench.fleet.settings import Settings
 from servobench.fleet.source import Item, Source, list_items, source_at
 from servobench.fleet.worker import identify_item
 
+PATIENCE = "10s"
+"""How long a scheduler has to answer."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """How far it is: files that this command has done, those that it had to do, and those that were done before."""
+    """The progress: files that this command has done, those that it had to do, and those that were done before."""
 
     done: int
     due: int
@@ -33,7 +36,7 @@ class Progress:
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """What a command did: files identified now and before, and files that are no recordings."""
+    """A command's summary: files identified now and before, and files that are no recordings."""
 
     identified: int
     before: int
@@ -136,7 +139,7 @@ def pool_of(work: Callable[[Any], Any], count: int, scheduler: str | None) -> It
             f"`scheduler={scheduler}`: needs Dask; python -m pip install 'servobench[fleet]'"
         ) from None
     try:
-        client = distributed.Client(scheduler, timeout="10s", set_as_default=False)
+        client = distributed.Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         why = (str(error).splitlines() or ["no reason given"])[0]
         raise UsageError(

@@ -55,7 +55,7 @@ class Limit:
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """What limits say of a motor.
+    """The judgement on a motor by its limits.
 
     `decided_by` says why, for each parameter that isn't within its limits. `consumer_risk` is, of a motor that passes, the
     largest probability that it isn't within its limits after all; `producer_risk`, of one that fails, that it is. Both are None

@@ -130,7 +130,7 @@ def worst_motors(
 
 
 def _page_name(item: Item) -> str:
-    """What the report of a recording is called: after its file, and another name once the file has changed."""
+    """The file name of a recording's report: after its file, and another one once the file has changed."""
     stem = re.sub(r"[^\w.-]", "_", Path(item.name).stem)[:80]
     return f"{stem}-{sha256(f'{item.name} {item.stamp}'.encode()).hexdigest()[:8]}.html"
 

@@ -290,7 +290,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def _differences(before: Mapping[str, Any], now: Mapping[str, Any], inside: str = "") -> list[str]:
-    """What differs between two settings, each as `name: before, now after`."""
+    """The differences between two settings, each as `name: before, now after`."""
     found = []
     for name in sorted({*before, *now}):
         old, new = before.get(name), now.get(name)

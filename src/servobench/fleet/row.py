@@ -73,7 +73,7 @@ def result_row(item: Item, columns: Mapping[str, str], result: Result) -> Row:
 
 
 def _reason(result: Result) -> str:
-    """Why a result is refused or doubtful, in its first sentence; empty where it is trusted."""
+    """The reason why a result is refused or doubtful, its first sentence; empty where it is trusted."""
     wanted = {
         Verdict.REFUSED: (Severity.REFUSAL,),
         Verdict.DOUBTFUL: (Severity.DANGER, Severity.WARNING),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What is asked for of each file; `options` are those of `ReadingOptions`, the rest is as for `identify`.
+    """The settings for each file; `options` are those of `ReadingOptions`, the rest is as for `identify`.
 
     Raises `UsageError` for several stated inputs.
     """

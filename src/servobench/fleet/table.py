@@ -46,7 +46,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fleet:
-    """What is known of all motors together, in the order of the rows.
+    """The results of all motors together, in the order of the rows.
 
     `texts` are the columns from the names of files. `limits` and `judgements` are None and empty without limits. `distance`
     (N,) is that of `outliers.distances` over `parameters`, NaN where they aren't all known; beyond `farthest` a motor is an

@@ -14,7 +14,7 @@ LOOK = 0.2  # s between two looks at the folder
 
 @dataclass
 class Arrivals:
-    """Which files of a source are whole and not taken yet.
+    """The files of a source that are whole and not taken yet.
 
     `taken` are those that have a row already, by name with their stamps. A file is whole once its size and time have stayed as
     they are for 0.5 s; one that is renamed into the folder, as a careful stand does it, waits no longer either. One that

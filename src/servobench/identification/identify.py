@@ -362,7 +362,7 @@ def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Compariso
 
 
 def _causes(fit: Fit, nominal: str | MotorParameters | None) -> list[Finding]:
-    """What explains the difference to the nominal values."""
+    """The findings that explain the difference from the nominal values."""
     motor = nominal_motor(nominal)
     return [] if motor is None else reconcile(fit, motor)
 

@@ -47,7 +47,7 @@ SCHEMAS = ("servobench.result/1", SCHEMA)
 
 @dataclass(frozen=True, kw_only=True)
 class RecordFit:
-    """How well one part that was left out is simulated; `fit_percent` as in `Fit`.
+    """The fit of the simulation to a part that was left out; `fit_percent` as in `Fit`.
 
     `beyond` is its misfit (root mean square) over what the rest of the data foretell: their residual, and how well they know the
     parameters.
@@ -74,7 +74,7 @@ class Validation:
 
 @dataclass(frozen=True, kw_only=True)
 class OperatingRange:
-    """Where the data were taken: the smallest and the largest input and speed."""
+    """The range of the data: the smallest and the largest input and speed."""
 
     input: tuple[float, float]
     speed: tuple[float, float]
@@ -82,7 +82,7 @@ class OperatingRange:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """What the result was made with and from: version, time of making (ISO 8601, UTC), SHA-256 of each file."""
+    """The result's origin: version, time of making (ISO 8601, UTC), SHA-256 of each file."""
 
     version: str
     created: str
@@ -207,7 +207,7 @@ class Result:
 
     @cached_property
     def budget(self) -> tuple[BudgetLine, ...]:
-        """What the width of each interval is made of; empty where there is no fit."""
+        """The parts of each interval's width; empty where there is no fit."""
         return composition(self.fit) if self.fit else ()
 
     @property

@@ -24,7 +24,7 @@ from servobench.recordings.recording import Source
 
 @runtime_checkable
 class HasFit(Protocol):
-    """What has a fit, or None where the data couldn't support one: a `Result`."""
+    """Something with a fit, or None where the data couldn't support one: a `Result`."""
 
     @property
     def fit(self) -> Fit | None:

@@ -94,7 +94,7 @@ class Watch:
 
     @property
     def duration(self) -> float:
-        """How long the stream was watched, by its own clock [s]."""
+        """The time for which the stream was watched, by its own clock [s]."""
         return self._watched + (0.0 if self._begun is None else self._last - self._begun)
 
     def take(self, rows: Rows) -> None:
@@ -206,7 +206,7 @@ class Watch:
             self._follow(self._live, part, t)
 
     def _pause(self, part: Part) -> float:
-        """How long nothing came before these rows, by the stream's clock [s]; zero where they follow those before."""
+        """The pause before these rows, by the stream's clock [s]; zero where they follow those before."""
         t = part.recording.series[0].t
         return float(t[0]) - self._last if part.link == "gap" and t is not None else 0.0
 
@@ -249,7 +249,7 @@ class Watch:
         self._evidence, self._begun, self._input = None, None, None
 
     def _chain(self) -> str:
-        """What the output of the present recording is still to go through, the wraps of its counter included."""
+        """The chain that the output of the present recording is still to go through, the wraps of its counter included."""
         stated = self._evidence.chain if self._evidence is not None else ""
         return stated or (f"unwrap {self._travel.bits} bit" if self._travel.wraps else "")
 
@@ -367,7 +367,7 @@ def _role(recording: Recording, role: str) -> Series:
 
 
 def _factor(output: Series) -> float:
-    """What an output is multiplied by to be in rad or m; counts per turn unknown: they stay counts."""
+    """The factor of an output to rad or m; 1 for counts where the counts of a turn are unknown."""
     if output.channel.counts_per_rev and unit(output.channel.unit or "").si == "counts":
         return 2 * np.pi / output.channel.counts_per_rev
     return unit(output.channel.unit or "").factor

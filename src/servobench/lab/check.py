@@ -140,7 +140,7 @@ def _praise(blank: Blank, known: Fact, allowed: float) -> str:
 
 
 def _explain_mistake(blank: Blank, given: float, facts: Mapping[str, Fact]) -> str:
-    """What the exercise says to this answer, where it knows it."""
+    """The exercise's explanation of this answer, where it has one."""
     for mistake in blank.mistakes:
         wrong = Expression(mistake.answer).evaluate(facts)
         allowed = Tolerance(blank.tolerance, blank.unit).around(wrong)
@@ -150,7 +150,7 @@ def _explain_mistake(blank: Blank, given: float, facts: Mapping[str, Fact]) -> s
 
 
 def _difference(blank: Blank, given: float, known: float, allowed: float) -> str:
-    """How a wrong answer differs from what is known: its sign, a factor, its order of magnitude, or by how much."""
+    """The difference between a wrong answer and the right one: its sign, a factor, its order of magnitude, or its size."""
     if known == 0:
         return f"It isn't {plain(given)}{SPACE}{blank.unit}".rstrip() + "."
     ratio = given / known
@@ -168,7 +168,7 @@ def _difference(blank: Blank, given: float, known: float, allowed: float) -> str
 
 
 def _size(ratio: float, of_what: str) -> str:
-    """What the size of an answer is off by, as its ratio to the right one; empty where it is nearly the same."""
+    """The error of an answer's size as its ratio to the right one; empty where it is nearly the same."""
     way = f"{'large' if ratio > 1 else 'small'}{of_what}"
     if abs(ratio - 1) <= _SAME:
         return ""

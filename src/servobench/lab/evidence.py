@@ -71,7 +71,7 @@ class Evidence(Mapping[str, Fact]):
 
     @cached_property
     def _stated(self) -> dict[str, Fact]:
-        """What is known without a run."""
+        """The facts that need no run."""
         counts, voltage = self.info.channel("counts"), self.info.channel("voltage")
         values = {
             "sample_time": self.experiment.sample_time,
@@ -84,7 +84,7 @@ class Evidence(Mapping[str, Fact]):
         return {**told, **self._sheet()}
 
     def _sheet(self) -> dict[str, Fact]:
-        """What the data sheet says of the motor and its amplifier, and what follows for gain, time constant and delay."""
+        """The data sheet's facts on the motor and its amplifier, and gain, time constant and delay that follow."""
         if not self.experiment.nominal:
             return {}
         from servobench.identification.models.nominal import nominal_values
@@ -104,7 +104,7 @@ class Evidence(Mapping[str, Fact]):
 
     @cached_property
     def _read(self) -> dict[str, Fact]:
-        """What is read off the speed behind the chain; nothing where there is no speed to read."""
+        """The readings of the speed behind the chain; nothing where there is no speed to read."""
         if self._reading is None or self._reading.fit is None:
             return {}
         fit = self._reading.fit

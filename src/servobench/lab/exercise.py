@@ -77,7 +77,7 @@ class Blank(Settings):
 
 
 class Correction(Settings):
-    """Where the paper errs or is silent: its figure, ours as an expression over facts and studies, and why, in two sentences."""
+    """A correction of the paper: its figure, ours as an expression over facts and studies, and why, in two sentences."""
 
     where: Annotated[str, Field(min_length=1)]
     """The place in the paper, such as `eq. 7` or `II.E`."""
@@ -113,7 +113,7 @@ class Piece:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Exercise:
-    """What to do (`text`, Markdown), the experiment to do it with, the blanks, studies and corrections.
+    """An exercise: what to do (`text`, Markdown), the experiment for it, the blanks, studies and corrections.
 
     `lines` says in which line of the file each blank stands, `study_lines` each study and `correction_lines` each correction.
     """

@@ -60,7 +60,7 @@ def _name_of_a_study(text: str) -> str:
 
 
 class _Front(Settings):
-    """What an exercise's file says before its text, without the experiment."""
+    """The head of an exercise's file, without the experiment."""
 
     title: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
     sentence: str = ""

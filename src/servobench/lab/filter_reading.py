@@ -64,7 +64,7 @@ class Rise:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingError:
-    """How far a reading of a time constant is off [s]: the mean error `bias`, and the `sd` over start positions."""
+    """The error of a reading of a time constant [s]: the mean, `bias`, and the `sd` over start positions."""
 
     bias: float
     sd: float
@@ -182,7 +182,7 @@ def filtered_derivative(cutoff: float, discretisation: Discretisation = "tustin"
 
 
 def _starts(quantum: float, places: int) -> Array:
-    """Where in a count the shaft may stand, as parts of it (P,), spread evenly."""
+    """The shaft's start positions as parts of a count (P,), spread evenly."""
     check_positive("the encoder's step", quantum, "rad")
     if places < 1:
         raise UsageError(f"the shaft is to stand at {places} places within a count; expected 1 or more")

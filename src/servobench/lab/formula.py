@@ -165,7 +165,7 @@ class _Reader:
         return parts
 
     def _divide(self, parts: list[_Part]) -> None:
-        """What stands before a `/`, up to the blank before it, over what follows up to the next."""
+        """Put the text before a `/`, back to a blank, over the text after it, up to the next."""
         above = _take_numerator(parts)
         below = [self._factor()] if self._starts_factor() else []
         while below and self._starts_factor() and not self._tokens[self._at].is_apart:
@@ -258,7 +258,7 @@ class _Reader:
 
 
 def _take_numerator(parts: list[_Part]) -> list[_Part]:
-    """What a `/` divides, taken off the end: back to a blank, an operator that isn't a point, or the beginning."""
+    """The numerator of a `/`, taken off the end: back to a blank, an operator that isn't a point, or the beginning."""
     first = len(parts)
     while first and (parts[first - 1].kind != "operator" or parts[first - 1].mathml == _mo("·")):
         first -= 1
@@ -291,7 +291,7 @@ def _join(parts: list[_Part]) -> str:
 
 
 def _without_brackets(parts: list[_Part]) -> str:
-    """What stands above or below a bar: a bracket around all of it has nothing to keep together there."""
+    """A numerator or denominator without a bracket around all of it, which a bar makes unnecessary."""
     return (parts[0].inner or parts[0].mathml) if len(parts) == 1 else _join(parts)
 
 

@@ -37,7 +37,7 @@ Mark: TypeAlias = Literal["points", "wide", "strong", "thin", "dashed", "dotted"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Line:
-    """What is drawn at x (N,), y (N,), with which mark; `label` is what the legend calls it, empty for a line without a name."""
+    """A line through x (N,), y (N,), with its mark; `label` is its name in the legend, empty for a line without one."""
 
     x: Array
     y: Array

@@ -21,7 +21,7 @@ from servobench.systems.tuning.base import Tunable
 
 
 class OfAMotor(StudySettings):
-    """What the settings of studies have that compute with K/(τs + 1): where its two numbers come from."""
+    """The settings of studies that compute with K/(τs + 1): where its two numbers come from."""
 
     gain: str = "sheet_gain"
     """The motor's gain K, an expression over facts [rad/(s·V)]."""

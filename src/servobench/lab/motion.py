@@ -54,7 +54,7 @@ class Motion:
 
     @property
     def starts(self) -> tuple[int, ...]:
-        """Where each level of the voltage begins: 0, and each sample whose voltage differs from the one before."""
+        """The first sample of each level of the voltage: 0, and each sample whose voltage differs from the one before."""
         return (0, *(int(k) + 1 for k in np.flatnonzero(np.diff(self.voltage))))
 
 

@@ -32,7 +32,7 @@ _GAP = 2  # characters between two columns
 
 @dataclass(frozen=True, kw_only=True)
 class Neighbours:
-    """What leads from an exercise's page to others of its folder: its number, how many there are, and those before and after."""
+    """An exercise's place in its folder: its number, how many of them there are, and those before and after."""
 
     number: int
     of: int
@@ -42,7 +42,7 @@ class Neighbours:
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """What stands in one place of an exercise's text: HTML of its Markdown, or what a study shows there.
+    """A block of an exercise's text: HTML of its Markdown, or a study's result.
 
     Of a study: its tables, each a title, the columns as texts and a note; its sentences; what of the paper it is about; drawings.
     """
@@ -229,7 +229,7 @@ def _is_broad(columns: Sequence[TextColumn]) -> bool:
 
 
 def _least_width(column: TextColumn) -> int:
-    """How many characters a column takes at the least: words are wrapped, numbers aren't."""
+    """The least width of a column in characters: words are wrapped, numbers aren't."""
     wrapped = [column.heading, *(column.texts if column.kind == "word" else ())]
     words = [word for text in wrapped for word in text.split()]
     return max(map(len, [*words, column.unit, *(() if column.kind == "word" else column.texts)]), default=0)
@@ -263,7 +263,7 @@ def _neighbours(lab: Sequence[WorkedExercise], number: int) -> Neighbours:
 
 
 def _contents(lab: Sequence[WorkedExercise]) -> list[tuple[PaperItem, Exercise]]:
-    """What the paper contains and the exercise that does it again, by the paper's parts and then in the exercises' order."""
+    """The paper's items with the exercises that repeat them, by the paper's parts and then in the exercises' order."""
     found = [(item, worked.exercise) for worked in lab for item in worked.exercise.paper]
     return sorted(found, key=lambda each: each[0].part)
 

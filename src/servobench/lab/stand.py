@@ -29,7 +29,7 @@ TWIN = "twin"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotorStand:
-    """What the studies of an exercise work with; it is a `Stand`. `carry_out` runs an experiment on the motor."""
+    """The `Stand` of an exercise's studies; `carry_out` runs an experiment on the motor."""
 
     exercise: Exercise
     experiment: Experiment

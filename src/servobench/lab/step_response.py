@@ -25,7 +25,7 @@ _NO_PEAK = 1e-4  # of a step; an encoder shows a twentieth of a count of a step 
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """What a reference does at `start` [s]: a step of the position or the speed from `initial` to `final`, in `unit`.
+    """A step of a reference at `start` [s]: of the position or the speed, from `initial` to `final`, in `unit`.
 
     A ramp of the position is a step of the speed, and a loop around the position answers it with the same transfer function.
     """
@@ -62,7 +62,7 @@ def change_of(experiment: Experiment) -> Change:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Response:
-    """What followed a step: times (N,) [s] from the step on, and output and voltage (N,) at them."""
+    """The response to a step: times (N,) [s] from the step on, and output and voltage (N,) at them."""
 
     t: Array
     output: Array
@@ -113,7 +113,7 @@ def figures_of(response: Response, initial: float, final: float) -> StepFigures:
 
 
 def _reaches(t: Array, rise: Array, part: float) -> float:
-    """When a course first reaches a part of the step, on a straight line between two samples; NaN where it doesn't."""
+    """The time at which a course first reaches a part of the step, on a line between two samples; NaN where it doesn't."""
     at = int(np.argmax(rise >= part))
     if rise[at] < part or at == 0:
         return math.nan
@@ -121,7 +121,7 @@ def _reaches(t: Array, rise: Array, part: float) -> float:
 
 
 def _peak_time(t: Array, at_most: NDArray[np.bool_]) -> float:
-    """When a course is at its largest value: an encoder shows it for several samples, of which the middle is nearest to the peak.
+    """The time of a course's largest value: the middle of the samples for which an encoder shows it.
 
     A shaft that sticks there shows it for longer; then it is when it got there.
     """

@@ -18,7 +18,7 @@ _ROUNDING = 1e-9  # relative; what a number loses on its way through decimal dig
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far an answer may be off, as text in the unit of its blank.
+    """The tolerance of an answer, as text in the unit of its blank.
 
     `exact`, or a sum of parts: `interval` (half of the 95 % interval that the recording leaves), a percentage of the value, a
     quantity such as `0.5 ms`. A bare number goes with a blank that has no unit, or has %, where `0.5` is half a percentage point

@@ -66,7 +66,7 @@ class WorkedExercise:
 
     @property
     def in_short(self) -> tuple[str, ...]:
-        """What the exercise is done with: the device and its counter, how long and how often, and the chain."""
+        """The exercise's means: the device and its counter, duration and sample time, and the chain."""
         asked, info = self.stand.experiment, self.stand.info
         counts = info.channel("counts")
         counter = f"a counter of {counts.counter_bits} bits" if counts and counts.counter_bits else ""
@@ -76,7 +76,7 @@ class WorkedExercise:
 
     @property
     def cut_short(self) -> str:
-        """Why the exercise's run ended before its time, as a sentence; empty where it didn't."""
+        """The reason why the exercise's run ended early, as a sentence; empty where it didn't."""
         stopped = self.stand.recording.stopped
         return "" if stopped.reason == "finished" else stopped.sentence
 
@@ -134,7 +134,7 @@ class WorkedExercise:
 
     @cached_property
     def checked(self) -> Mapping[str, CheckedAnswer]:
-        """What is to be said of the answers that were given; raises `UnknownName` for a blank that isn't there."""
+        """The checked answers by blank; raises `UnknownName` for a blank that isn't there."""
         return check(self.exercise, self.given, self.stand.facts)
 
     @cached_property

@@ -80,7 +80,7 @@ class Capture:
 
     @property
     def samples(self) -> int:
-        """How many rows are in the file."""
+        """The number of rows in the file."""
         return 0 if self._recorder is None else max(0, self.loop.ring.get(ROWS_KEPT) - self._first)
 
     def state(self) -> dict[str, Any]:

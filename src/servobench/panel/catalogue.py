@@ -81,7 +81,7 @@ def field_of(key: str, field: FieldInfo) -> dict[str, Any]:
 
 
 def _type(annotation: Any) -> str:
-    """What a setting holds: `number`, `text` (a path, too), `number or text`, `truth`, `numbers`; `table` is all else."""
+    """The type of a setting: `number`, `text` (a path, too), `number or text`, `truth`, `numbers`; `table` is all else."""
     if isinstance(annotation, type):
         if issubclass(annotation, bool):
             return "truth"

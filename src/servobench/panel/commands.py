@@ -92,7 +92,7 @@ def _one(wrong: ErrorDetails) -> str:
 
 
 def _place(path: tuple[int | str, ...]) -> str:
-    """Where a setting is, in the words of the page: `Segment 1: Part 2: low`."""
+    """The place of a setting in the words of the page: `Segment 1: Part 2: low`."""
     places: list[str] = []
     keys: list[str] = []
     for each in path:

@@ -32,7 +32,7 @@ class LoopContext(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a person beside the motor has to know, in the order in which it became known."""
+        """The warnings for a person beside the motor, in the order in which they came up."""
         ...
 
     @property

@@ -399,7 +399,7 @@ def _stage(name: str, stage: Stage, origin: str) -> Block:
 
 
 def _scope(chain: Chain) -> Block:
-    """Where the chain leads: what is looked at."""
+    """The block at the end of the chain: the scope."""
     what = "speed" if chain.takes == "speed" else chain.yields("position")
     symbol, unit = {"speed": ("ω(t)", "rad/s"), "position": ("θ(t)", "rad")}[what]
     shown = Setting(name="shows", value=what, unit=unit)

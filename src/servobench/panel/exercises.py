@@ -152,7 +152,7 @@ async def _find_exercise(request: Request) -> Exercise | JSONResponse:
 
 
 def _folder(request: Request) -> Path:
-    """Where the exercises lie: in a lecturer's own folder, where the application's state has one as `exercises`."""
+    """The folder of the exercises: a lecturer's own, where the application's state has one as `exercises`."""
     return Path(getattr(request.app.state, "exercises", FOLDER))
 
 

@@ -91,7 +91,7 @@ class _Through:
         return y
 
     def _unknown(self, dt: Array) -> int:
-        """How many of the next outputs look back before the first sample, or still show the filter's start from zero."""
+        """The number of next outputs that look back before the first sample, or still show the filter's start from zero."""
         if self._times is None or not len(dt):
             return 0
         before = len(self._times)

@@ -95,7 +95,7 @@ class Jobs:
             await asyncio.sleep(TELL_INTERVAL)
 
     def _progress(self, job: _Job) -> dict[str, Any]:
-        """What it does and which step that is of how many, for how long it has gone on, and how long it will take, in s.
+        """The progress: the step and its number of how many, the time that has passed, and the time that it will take, in s.
 
         That is what the last one took. Of a first one nobody knows it, nor of what is compiled, nor of one that takes longer.
         """

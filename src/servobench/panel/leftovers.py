@@ -40,7 +40,7 @@ def _complete(folder: Path) -> None:
 
 
 def _start_time(folder: Path) -> str:
-    """When it was begun, in local time: the experiment is written just before, and never again."""
+    """The run's start in local time: the experiment is written just before, and never again."""
     experiment = folder / EXPERIMENT
     file = experiment if experiment.exists() else folder / RECORDING
     return datetime.fromtimestamp(file.stat().st_mtime).isoformat(timespec="seconds")

@@ -35,7 +35,7 @@ _LONGEST_FITTED = 56  # letters, so that a number fits behind it
 
 @dataclass(frozen=True, kw_only=True)
 class About:
-    """What is known of a recording without reading it: when it was created (local time), its duration [s], the number of samples.
+    """A recording's facts without reading it: when it was created (local time), its duration [s], the number of samples.
 
     `signal` is what drove the motor, `notes` are the user's, `verdict` is that of its identification; empty where there is none.
     """

@@ -13,7 +13,7 @@ _STEPS = (LOOP, LIVE)
 
 @dataclass
 class Opening:
-    """Which device is being opened, and what it is doing now, in words; `since` is a monotonic time [s]."""
+    """The device that is being opened, and what it is doing now, in words; `since` is a monotonic time [s]."""
 
     device: str
     doing: str = LOOP

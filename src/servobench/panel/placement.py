@@ -39,12 +39,12 @@ class Box:
 
     @property
     def right(self) -> float:
-        """Where it ends."""
+        """The right edge."""
         return self.x + self.width
 
     @property
     def bottom(self) -> float:
-        """Where it ends, downwards."""
+        """The lower edge."""
         return self.y + self.height
 
     @property
@@ -100,7 +100,7 @@ def placement(diagram: Diagram) -> Placement:
 
 
 def _width(block: Block) -> float:
-    """How wide a block has to be for what is written in it."""
+    """The width that a block's text needs."""
     symbol = max((len(_MARKUP.sub(r"\1", text)) for text in block.symbol), default=0)
     return max(_NARROWEST, _TITLE_LETTER * len(block.title) + 22, _SYMBOL_LETTER * symbol + 24)
 

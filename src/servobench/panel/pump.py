@@ -35,7 +35,7 @@ _NOTHING_KNOWN: dict[str, Any] = {
 
 
 class Loop(Protocol):
-    """What the panel needs of a loop, as `LoopProcess`: the info of its device, its recording without rows, the ring of rows."""
+    """A loop as the panel needs it, as `LoopProcess` is: its device's info, its recording without rows, the ring of rows."""
 
     info: DeviceInfo
     recording: Recording
@@ -43,12 +43,12 @@ class Loop(Protocol):
 
     @property
     def ended(self) -> Stopped | None:
-        """Why it ended; None while it goes on."""
+        """The reason why it ended; None while it goes on."""
         ...
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a person beside the motor has to know, in the order in which it became known."""
+        """The warnings for a person beside the motor, in the order in which they came up."""
         ...
 
     def rows(self, start: int | None = None) -> RowReader:
@@ -181,7 +181,7 @@ class Pump(Thread):
         )
 
     def _loop_end(self) -> Stopped | None:
-        """Why the loop ended; whether its process lives is asked only where no rows come."""
+        """The reason why the loop ended; its process is looked at only where no rows come."""
         ring = self._loop.ring
         silent = ring.written == self._rows.next or ring.get(LOOP_STATE) == ENDED
         return self._loop.ended if silent else None
@@ -196,7 +196,7 @@ class Pump(Thread):
         return self._live.message()
 
     def _ready(self, seen: list[Look]) -> int:
-        """How many rows can be shown with their residuals; 0 if none can."""
+        """The number of rows that can be shown with their residuals; 0 if none can."""
         return min(max(seen[-1].reached - self._rows.next, 0), _MOST) if seen else 0
 
     def _display_rows(self, rows: Array) -> Array:

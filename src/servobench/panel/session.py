@@ -442,7 +442,7 @@ class MotorSession:
         return {**self._state(), "operator": self.lease.operator is viewer}
 
     def _state(self) -> dict[str, Any]:
-        """How things are, for everybody; who the operator is differs."""
+        """The state for all viewers; who the operator is differs."""
         asked = self.experiment.model_dump(mode="json", include={"signal", "controller"})
         standing, taking = self._standing, self.takings.now
         return {

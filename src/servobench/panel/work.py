@@ -281,7 +281,7 @@ PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
 
 
 def _with_name(asked: Mapping[str, Any], sentence: str) -> str:
-    """What is said about the requested file, under the name that the user knows: `called`, if that is another one."""
+    """A message on the requested file with the name that the user knows: `called`, if that is another one."""
     if "called" not in asked:
         return sentence
     file = str(asked["file"])

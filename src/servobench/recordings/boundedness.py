@@ -67,7 +67,7 @@ class Stretch:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordReport:
-    """What a record says of stability.
+    """A record's evidence on stability.
 
     `input_bound` is the largest input, either way, `output_range` the smallest and the largest output, each in its unit;
     `stretches` are the longest times of constant input in their order, and `sentences` say all of it, with what it doesn't prove.

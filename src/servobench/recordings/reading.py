@@ -23,7 +23,7 @@ from servobench.recordings.recording import Recording
 
 
 class ReadingOptions(TypedDict, total=False):
-    """How to read what isn't a `Dataset` yet; each option means what the command line's option of that name does.
+    """Options for reading data that aren't a `Dataset` yet, as the command line's options of the same names.
 
     Columns are `COL` or `COL:UNIT`.
     """
@@ -80,7 +80,7 @@ class _Said:
     values: tuple[str, ...] = ()
 
     def of(self, recording: Recording, part: int = 0) -> Mapping:
-        """What holds for a recording of a part of the data: the file of the mapping, over that the options, with their units."""
+        """The mapping for a recording of a part of the data: the mapping's file, overridden by the options, with their units."""
         own = self.base.of(recording.name).override_with(self.mapping)
         if self.values:
             own = own.override_with(Mapping(input_value=self.values[part if len(self.values) > 1 else 0]))

@@ -21,7 +21,7 @@ StopReason: TypeAlias = Literal["finished", "interrupted", "fault", "device_lost
 
 @dataclass(frozen=True, kw_only=True)
 class Stopped:
-    """Why a run ended: `finished` as asked, or cut short; the sentence says it in words."""
+    """The reason why a run ended: `finished` as requested, or cut short; the sentence says it in words."""
 
     reason: StopReason
     """Which kind of end it was."""
@@ -80,7 +80,7 @@ class Series:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Where a recording comes from: a path or a device's name, the SHA-256 of the file (empty for a run), its format."""
+    """A recording's origin: a path or a device's name, the SHA-256 of the file (empty for a run), its format."""
 
     name: str
     sha256: str = ""

@@ -27,7 +27,7 @@ TONES: Mapping[State, str] = {
 
 @dataclass(frozen=True, eq=False)
 class AcceptanceReport:
-    """What commissioning found, with the recordings by their names, as a page that opens from disk without a network."""
+    """The report of a commissioning, with the recordings by their names, as a page that opens from disk without a network."""
 
     acceptance: Acceptance
     """What commissioning found."""
@@ -96,7 +96,7 @@ class AcceptanceReport:
 
 @dataclass(frozen=True, kw_only=True)
 class _Part:
-    """What the page says of one check."""
+    """The page's part on one check."""
 
     name: str
     title: str
@@ -121,7 +121,7 @@ def conclusion(found: Acceptance) -> dict[str, str]:
 
 
 def _identity(found: Acceptance) -> tuple[Fact, ...]:
-    """What was commissioned, and with what."""
+    """The facts on the device that was commissioned, and on the software."""
     info = found.info
     told = dict(info.settings)
     firmware = told.pop("firmware", "")

@@ -264,7 +264,7 @@ def _counts(ax: Axes, quantum: float, palette: Palette) -> None:
 
 
 def _line(look: Look, palette: Palette) -> dict[str, Any]:
-    """How a line is drawn. The model's is thin and lies on the measured one, which is wide, so that both are seen."""
+    """The style of a line. The model's is thin and lies on the measured one, which is wide, so that both are seen."""
     lines: dict[Look, tuple[str, float]] = {
         "input": (palette.ink, 1.3),
         "measured": (palette.measured, 2.6),

@@ -180,7 +180,7 @@ def _pace(series: Series) -> list[Fact]:
 
 
 def _lateness(recording: Recording) -> list[Fact]:
-    """How late samples were, for a run of ours."""
+    """The facts on late samples, for a run of ours."""
     if "late" not in recording or "scheduled" not in recording:
         return []
     late, scheduled = recording["late"].values, recording["scheduled"]
@@ -195,7 +195,7 @@ def _lateness(recording: Recording) -> list[Fact]:
 
 
 def _limits(recording: Recording) -> list[Fact]:
-    """How often the device put out something else than it was told."""
+    """The fact on how often the device's output differed from the command."""
     if "commanded" not in recording or "applied" not in recording:
         return []
     commanded, applied = recording["commanded"].values, recording["applied"].values

@@ -145,7 +145,7 @@ def _figures(result: Result) -> dict[str, Any]:
 
 
 def _timing(recordings: Sequence[Recording]) -> dict[str, Any]:
-    """How late the samples were, where time passed."""
+    """The lateness of the samples, where time passed."""
     runs = timing.latenesses(recordings)
     drawn = timing.timing_figures(runs)
     return {"timing": timing.timing_facts(runs), "timing_figures": _row(drawn) if drawn else []}

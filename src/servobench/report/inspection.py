@@ -98,7 +98,7 @@ def _part(recording: Recording, number: int) -> _Part:
 
 
 def _support(recording: Recording) -> tuple[str, tuple[str, ...], Dataset | None]:
-    """What the recording can be used for, what has to be stated first, and the data if nothing has."""
+    """The recording's possible use, what has to be stated first, and the data if nothing has."""
     try:
         data = measure(assign(recording))
     except MissingInformation as error:
@@ -130,7 +130,7 @@ def _conclusion(parts: Sequence[_Part]) -> dict[str, str]:
 
 
 def _facts(recording: Recording, shown: Sequence[str], data: Dataset | None) -> tuple[Fact, ...]:
-    """What the input does, how long a channel sits at its ends, and what lies in between."""
+    """The facts on the input, on channels at the ends of their range, and on the measurement chain."""
     facts = []
     for name in shown:
         ends = extremes(recording[name])

@@ -35,7 +35,7 @@ class Style:
 
 @dataclass(frozen=True, kw_only=True)
 class Box:
-    """Where axes stand: pixels from the left and from the top of the figure, to the axes' frame, and its width and height.
+    """The place of axes: pixels from the left and from the top of the figure, to the axes' frame, and its width and height.
 
     Their title begins `indent` pixels to the left of the frame, above the labels of the ticks.
     """

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lateness:
-    """How late the samples of the run `name` were [s], and how many ticks were done late or not at all.
+    """The lateness of the samples of the run `name` [s], and the numbers of ticks done late or not at all.
 
     Its nominal `sample_time` is in s. `late` of the `samples` say so themselves, `missed` ticks have none. `by` (N,) is how
     long after its schedule each sample was latched at `t` (N,), both in s; `p50`, `p99`, `p999` and `largest` are the smallest

@@ -124,7 +124,7 @@ def apart(factor: float) -> float:
 
 
 def _at_the_ends(loop: TransferFunction) -> list[tuple[float, float]]:
-    """Where a pole of the closed loop crosses at s = 0 or through infinity: the loop is real and negative there."""
+    """The gain factors and frequencies at which a pole of the closed loop crosses at s = 0 or through infinity, where L < 0."""
     ends = [(loop.numerator[-1], loop.denominator[-1], 0.0)]
     if len(loop.numerator) == len(loop.denominator) and not loop.delay:
         ends.append((loop.numerator[0], loop.denominator[0], math.inf))
@@ -138,7 +138,7 @@ def gain_crossovers(loop: TransferFunction) -> list[float]:
 
 
 def _phase_crossovers(loop: TransferFunction) -> list[float]:
-    """Where L(jω) of a rational loop is real and negative: N(jω) D(-jω) has no imaginary part, and a negative real one."""
+    """The frequencies at which a rational L(jω) is negative: N(jω) D(-jω) has no imaginary part, and a negative real one."""
     product = np.convolve(loop.numerator, mirror(np.asarray(loop.denominator, dtype=np.float64)))
     even, odd = product[::-1][::2][::-1], product[::-1][1::2][::-1]  # of s⁰, s², … and of s¹, s³, …
     squares = positive_roots(mirror(odd)) if len(odd) else np.empty(0)
@@ -149,7 +149,7 @@ def _phase_crossovers(loop: TransferFunction) -> list[float]:
 def _phase_crossovers_behind_delay(
     phase: Phase, loop: TransferFunction, gain_crossover: float
 ) -> list[float]:
-    """Where the phase of a loop with a delay crosses -180° with the magnitude that is nearest to 1, of infinitely many such.
+    """The crossings of -180° by the phase of a loop with a delay whose magnitude is nearest to 1, of infinitely many such.
 
     Between two frequencies that are looked at phase and magnitude each only rise or only fall, so that no narrow resonance
     hides a crossing, and the magnitude at one isn't nearer to 1 than the stretch that it is in. Looked for up to one more turn
@@ -189,7 +189,7 @@ def _phase_crossovers_behind_delay(
 
 
 def _nearest_to_one(loop: TransferFunction, low: float, high: float) -> float:
-    """How near |L| can come to 1 between two frequencies [rad/s] at which it is and between which it rises or falls."""
+    """The least distance of |L| from 1 between two frequencies [rad/s] between which it only rises or falls."""
     one, two = (_factor(loop, float(omega)) for omega in (low, high))
     return 0.0 if (one - 1) * (two - 1) <= 0 else min(apart(one), apart(two))
 

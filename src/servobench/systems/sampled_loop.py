@@ -279,7 +279,7 @@ def _zero_order_hold(system: TransferFunction, h: float) -> tuple[Array, Array, 
 
 
 def _steps(a: Array, length: float) -> tuple[Array, Array]:
-    """How the states go on for a number of ticks: e^(At), and Γ(t) of a constant input; A in the controllable form."""
+    """The transition of the states over a number of ticks: e^(At), and Γ(t) of a constant input; A in the controllable form."""
     order = len(a) - 1
     block = np.zeros((order + 1, order + 1))
     block[0, :order], block[0, order] = -a[1:], 1.0
@@ -422,7 +422,7 @@ class _Course:
         return math.inf if self.factor(0.5 * _QUARTER) < 1 else math.nan
 
     def turning_points(self) -> list[float]:
-        """Where phase or magnitude stop rising or falling, or jump [v]: with α = atan v, dα/dv = 1/(1 + v²)."""
+        """The points at which phase or magnitude stop rising or falling, or jump [v]: with α = atan v, dα/dv = 1/(1 + v²)."""
         phase, magnitude, squared = slopes(self.ratio)
         held = np.polysub(np.convolve(phase, [1.0, 1.0]), 2.0 * self.whole * squared)
         turning = [*positive_roots(held), *(positive_roots(magnitude) if len(magnitude) else ())]
@@ -435,7 +435,7 @@ class _Course:
 
 
 def _at_the_ends(loop: SampledLoop, n: Array) -> list[tuple[float, float]]:
-    """Where a root of the closed loop passes z = 1 or z = -1: the loop is real there, and negative."""
+    """The gain factors at which a root of the closed loop passes z = 1 or z = -1: the loop is real there, and negative."""
     d = loop.denominator
     ends = [(float(n[-1]), d[-1], 0.0)]
     if len(n) == len(d):
@@ -451,7 +451,7 @@ def _nearest_to_one(levels: range, first: bool) -> Iterable[int]:
 def _between(
     course: _Course, crossovers: list[float], chosen: Callable[[range, bool], Iterable[int]]
 ) -> Iterator[tuple[float, float]]:
-    """Where the phase is -180°, as 1/|L| and α: on each stretch between the edges, of the levels that it crosses those chosen."""
+    """The points of phase -180°, as 1/|L| and α: on each stretch between the edges, of the levels crossed those chosen."""
     from scipy.optimize import brentq
 
     edges = sorted({math.atan(v) for v in (*crossovers, *course.turning_points())})

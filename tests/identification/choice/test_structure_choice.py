@@ -179,7 +179,7 @@ def turned(frequency: float, **device: object) -> Result:
     return sb.identify(sb.measure(recording))
 
 
-@pytest.mark.parametrize("inductance", [0.0116, 0.06])
+@pytest.mark.parametrize("inductance", [pytest.param(0.0116, marks=pytest.mark.long), 0.06])
 def test_a_winding_that_shows_becomes_a_second_pole(inductance: float) -> None:
     result = turned(2.0, inductance=inductance)
 

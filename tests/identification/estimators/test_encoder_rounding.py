@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from servobench.identification.estimators.encoder_rounding import counts_in_place, is_rounded, rounding_sines
 from servobench.identification.estimators.output_error import OutputError
 from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.base import Chain
 from tests.datasets import QUANTUM, dataset
 
 PATHS = {
@@ -74,6 +75,12 @@ def test_a_count_beyond_its_place_is_noticed() -> None:
     assert counts_in_place([data], [residual], unknowns=7)
     residual[::5] = 0.6 * QUANTUM
     assert not counts_in_place([data], [residual], unknowns=7)
+
+
+def test_behind_an_average_no_count_has_a_place() -> None:
+    data = replace(dataset(seed=1, samples=300, y=np.zeros(300)), declared=Chain.parse("average 20 ms"))
+
+    assert not counts_in_place([data], [np.full(300, 0.4 * QUANTUM)], unknowns=7)
 
 
 def test_intervals_cover_where_the_shaft_often_rests() -> None:

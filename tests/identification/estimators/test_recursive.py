@@ -133,7 +133,15 @@ def test_it_ends_within_half_a_standard_deviation_of_prediction_error(
             assert abs(value - batch[name].value) <= 0.5 * batch[name].sd, (seed, name)
 
 
-@pytest.mark.parametrize("signal", ["square", "reversals", "rests", "prbs"])
+@pytest.mark.parametrize(
+    "signal",
+    [
+        "square",
+        "reversals",
+        pytest.param("rests", marks=pytest.mark.long),
+        pytest.param("prbs", marks=pytest.mark.long),
+    ],
+)
 def test_intervals_cover_and_shrink_while_the_motor_runs(signal: str) -> None:
     """At five times in each of 20 runs. Looks at one run aren't independent, so this allows for 90 % where 95 % are stated."""
     looks = (2.0, 3.0, 5.0, 7.0, 10.0)

@@ -22,6 +22,7 @@ from servobench.identification.uncertainty.one_lag import lag_covariance
 from servobench.identification.uncertainty.propagation import (
     continuous_loop_margins,
     derive,
+    deviation,
     draws,
     loop_margins,
     open_loop,
@@ -54,6 +55,19 @@ def test_a_parameter_has_its_own_interval() -> None:
     np.testing.assert_allclose(found.low, np.array([K, TAU, OFFSET, D]) - TWO_SIDED * SD, rtol=1e-9)
     np.testing.assert_allclose(found.high, np.array([K, TAU, OFFSET, D]) + TWO_SIDED * SD, rtol=1e-9)
     assert not found.sampled.any()
+
+
+def test_what_hangs_on_an_unknown_parameter_has_no_standard_deviation() -> None:
+    slopes = np.array([[3.0, 0.0], [3.0, 1.0]])
+
+    assert deviation(slopes, np.diag([4.0, np.inf])).tolist() == pytest.approx([6.0, np.nan], nan_ok=True)
+
+
+def test_of_records_at_two_sample_times_the_loop_runs_at_the_shorter() -> None:
+    records = [dataset(seed=1, samples=1000), dataset(seed=2, samples=400, sample_time=0.005)]
+    for data in (records, records[::-1]):
+        found = OutputError().fit(STRUCTURES["first_order_one_way"], data)
+        assert loop_margins(found) == loop_margins(found, sample_time=0.002)
 
 
 def test_correlation_counts() -> None:

@@ -152,7 +152,13 @@ def test_a_rate_in_the_first_row_gives_the_times(
 
 @pytest.mark.parametrize(
     ("heading", "first", "rest"),
-    [("Ts", "0.004", "0.005"), ("fs", "-3", ""), ("rate", "250", ""), ("Ts [V]", "4", "")],
+    [
+        ("Ts", "0.004", "0.005"),
+        ("fs", "-3", ""),
+        ("fs", "1e12", ""),
+        ("rate", "250", ""),
+        ("Ts [V]", "4", ""),
+    ],
 )
 def test_what_is_no_sample_time_is_asked_for(heading: str, first: str, rest: str, tmp_path: Path) -> None:
     with pytest.raises(MissingInformation, match="the times"):

@@ -57,6 +57,17 @@ def test_a_supply_with_times_of_its_own_is_on_straight_lines_and_stays_at_its_en
     assert "straight lines" in finding(assigned.findings, "supply-applied").sentence
 
 
+def test_samples_of_a_supply_may_come_in_any_order() -> None:
+    values, t = np.array([8.0, 7.5, 6.0]), np.array([0.1, 0.2, 0.3])
+
+    ordered, mixed = (
+        assign(servo(DUTY, "1", values[order], t[order]), input="load", output="theta", supply="vbat")
+        for order in ([0, 1, 2], [2, 0, 1])
+    )
+
+    assert mixed["motor_voltage"].values.tolist() == ordered["motor_voltage"].values.tolist()
+
+
 def test_a_constant_supply_is_a_text_with_its_unit() -> None:
     recording = servo(100 * DUTY, "%", np.ones(50))
 

@@ -50,6 +50,10 @@ def test_two_midnights_are_two_days() -> None:
     assert seconds_from_first(cells).tolist() == [21_600.0 * k for k in range(6)]
 
 
+def test_a_clock_that_is_set_back_a_little_is_on_the_same_day() -> None:
+    assert seconds_from_first(["12:00:01", "12:00:00", "12:00:02"]).tolist() == [0.0, -1.0, 1.0]
+
+
 @pytest.mark.parametrize(
     "cell", ["2026-02-30T10:00:00", "24:00:00", "10:61:00", "1.5", "", "2026-02-03", "a:b:c"]
 )

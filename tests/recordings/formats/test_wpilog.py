@@ -121,6 +121,15 @@ def test_an_entry_with_the_number_of_a_finished_one_is_another(tmp_path: Path) -
     assert {each.channel.name: each.values.tolist() for each in recording.series} == {"u": [1.0], "y": [2.0]}
 
 
+def test_an_entry_whose_number_is_given_away_ends_there(tmp_path: Path) -> None:
+    """As where a program is restarted into the same file."""
+    log = HEADER + start(1, "u") + double(1, 1, 1.0) + start(1, "y") + double(1, 2, 2.0)
+
+    recording = one(tmp_path, log)
+
+    assert {each.channel.name: each.values.tolist() for each in recording.series} == {"u": [1.0], "y": [2.0]}
+
+
 def test_an_entry_that_goes_on_after_it_was_finished_is_one_channel(tmp_path: Path) -> None:
     log = HEADER + start(1, "u") + double(1, 1, 1.0) + finish(1) + start(4, "u") + double(4, 2, 2.0)
 
@@ -153,6 +162,13 @@ def test_the_text_about_an_entry_may_say_its_unit(metadata: str, unit: str | Non
     log = HEADER + start(1, "x") + double(1, 1, 1.0) + about(1, metadata) + double(1, 2, 2.0)
 
     assert one(tmp_path, log)["x"].channel.unit == unit
+
+
+def test_a_text_about_an_entry_that_is_cut_short_says_nothing(tmp_path: Path) -> None:
+    cut = record(0, 0, struct.pack("<BII", 2, 1, len("radian")) + b"rad")
+    log = HEADER + start(1, "x", metadata="degree") + cut + double(1, 1, 1.0)
+
+    assert one(tmp_path, log)["x"].channel.unit == "degree"
 
 
 def test_a_value_of_another_size_than_its_type_is_left_out(tmp_path: Path) -> None:

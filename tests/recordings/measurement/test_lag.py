@@ -17,5 +17,12 @@ def test_a_filter_delays_by_its_time_constant_and_an_average_by_half_of_its_time
     assert lag_of(Chain.parse(text), tau) == pytest.approx(lag, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("text", "lag"), [("average 2 s", 1.0), ("lowpass 2 rad/s", 0.5), ("delay 1 s", 1.0)]
+)
+def test_a_chain_that_takes_far_longer_than_the_motor_is_followed_to_its_end(text: str, lag: float) -> None:
+    assert lag_of(Chain.parse(text), 0.02) == pytest.approx(lag, rel=0.02)
+
+
 def test_nothing_in_between_delays_by_nothing() -> None:
     assert lag_of(Chain(), 0.1) == pytest.approx(0.0, abs=1e-4)

@@ -239,6 +239,11 @@ def test_counts_that_wrap_unasked_are_told(modulus: float, advice: str) -> None:
     assert repaired.findings == ()
 
 
+FLICKER = np.resize([0.0, 6.0], 300)  # degrees
+FLIPPED = np.searchsorted([21, 40, 61, 80, 100, 121, 140, 161, 180, 201], np.arange(300), side="right") % 2
+"""Whether a servo is 350° further: after four of its ten leaps it goes on as after a wrap, after six of them it doesn't."""
+
+
 @pytest.mark.parametrize(
     "travel",
     [
@@ -246,6 +251,7 @@ def test_counts_that_wrap_unasked_are_told(modulus: float, advice: str) -> None:
         3.0 * np.sin(20.0 * T),
         np.zeros(50),
         10.0 * np.arange(100.0),  # more than a turn in every sample
+        np.radians(FLICKER + 350 * FLIPPED),
     ],
 )
 def test_an_angle_that_only_moves_far_is_not_taken_for_one_that_wraps(travel: np.ndarray) -> None:

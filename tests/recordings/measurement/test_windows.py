@@ -88,6 +88,15 @@ def test_a_full_window_is_valid_although_times_are_rounded() -> None:
         assert np.argmax(Chain.parse(f"tachometer {window} s").valid(REGULAR)) == first
 
 
+@pytest.mark.parametrize("step", [0.002, 0.007, 0.1])
+def test_a_window_of_whole_samples_is_full_after_so_many_wherever_it_begins(step: float) -> None:
+    t = step * np.arange(400)
+
+    for samples in (3, 7, 10):
+        average = Average(window=samples * step)
+        assert [average.first_valid(first, t) - first for first in range(300)] == [samples] * 300
+
+
 def test_windows_and_differences_in_a_row_lose_the_sum_of_what_they_look_back() -> None:
     assert np.argmax(Chain.parse("derivative | average 10 ms | average 20 ms").valid(REGULAR)) == 1 + 5 + 10
     assert not Chain.parse("average 5 s | average 5 s | derivative").valid(REGULAR).any()

@@ -10,11 +10,11 @@ import numpy as np
 
 from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.settings import PositiveVoltage
-from servobench.recordings.recording import Recording
+from servobench.recordings.recording import Recording, Stopped
 from servobench.rig.commission.acceptance import Acceptance, commission
 from servobench.rig.commission.bench import Bench
 from servobench.rig.commission.checks.base import Outcome
-from servobench.rig.devices.base import Device
+from servobench.rig.devices.base import Device, RunEnded
 from servobench.rig.devices.faulty import with_faults
 from servobench.rig.devices.twin import Twin, TwinSettings
 from servobench.rig.experiment import Experiment
@@ -57,6 +57,31 @@ class DeadWatchdogTwin(Twin):
         return False
 
 
+class WeakWatchdogTwin(DeadWatchdogTwin):
+    """It halves the voltage in place of taking it away, 50 samples after the last one came."""
+
+    _last, _since = 0.0, 0
+
+    def write(self, voltage: float) -> float:
+        self._last, self._since = voltage, 0
+        return super().write(voltage)
+
+    def read(self) -> Sample:
+        sample = super().read()
+        self._since += 1
+        if self._since > 50:
+            super().write(self._last / 2)
+        return sample
+
+
+class EarlyTwin(Twin):
+    """It says that it is 6 ms late, and isn't."""
+
+    @property
+    def info(self) -> DeviceInfo:
+        return replace(super().info, delay=0.006)
+
+
 class OneWayTwin(Twin):
     """The direction pin of its bridge is dead."""
 
@@ -73,6 +98,17 @@ class DeadStallTwin(Twin):
     """It has a setting for a stall, and does nothing about one."""
 
     Settings: ClassVar[type[TwinSettings]] = _StallSettings
+
+
+class HastyStallTwin(DeadStallTwin):
+    """It takes a shaft that stands for a second for a stalled one, once it is set to a lower voltage."""
+
+    def read(self) -> Sample:
+        sample = super().read()
+        assert isinstance(self.settings, _StallSettings)
+        if self.settings.stall_voltage < 5.0 and sample.time > 1.0:
+            raise RunEnded(Stopped(reason="fault", sentence="the board reports a stall"), sample)
+        return sample
 
 
 class NarrowTwin(Twin):

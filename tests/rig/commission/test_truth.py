@@ -4,9 +4,13 @@ import pytest
 
 from tests.rig.commission.benches import (
     DeadWatchdogTwin,
+    EarlyTwin,
+    HastyStallTwin,
     NarrowTwin,
+    OneWayTwin,
     SimulatedPerson,
     TurnedTwin,
+    WeakWatchdogTwin,
     commissioned,
 )
 
@@ -142,6 +146,34 @@ def test_a_heavy_shaft_that_coasts_is_no_runaway() -> None:
 
 def test_a_coarse_encoder_will_do() -> None:
     assert not commissioned(counts_per_rev=48).acceptance.failed
+
+
+def test_a_shaft_that_only_slows_down_without_voltages_leaves_the_watchdog_unknown() -> None:
+    found = commissioned(WeakWatchdogTwin)
+
+    assert found.outcome("watchdog").state == "unknown"
+    assert "can't be told from a load" in found.outcome("watchdog").found
+
+
+def test_a_counter_that_was_seen_to_wrap_one_way_only_is_unknown() -> None:
+    found = commissioned(OneWayTwin, counter_bits=16)
+
+    assert found.outcome("counter").state == "unknown"
+    assert "only one way was seen" in found.outcome("counter").found
+
+
+def test_a_delay_that_is_shorter_than_it_is_said_to_be_has_failed_too() -> None:
+    found = commissioned(EarlyTwin)
+
+    assert found.outcome("delay").state == "failed"
+    assert found.figure("delay", "delay")[0] == pytest.approx(0.0, abs=0.002)
+
+
+def test_a_stall_that_is_cut_off_too_early_has_failed() -> None:
+    found = commissioned(HastyStallTwin)
+
+    assert found.outcome("stall").state == "failed"
+    assert "the board reports a stall" in found.outcome("stall").found
 
 
 def test_the_sign_of_the_counts_does_not_stop_the_other_checks() -> None:

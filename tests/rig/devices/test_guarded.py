@@ -3,11 +3,13 @@
 import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from servobench.core.channels import Sample
+from servobench.core.channels import Array, Channel, DeviceInfo, Sample
 from servobench.core.errors import DeviceError, UnknownName, UsageError
 from servobench.rig.devices.base import Device, Lit, RunEnded
 from servobench.rig.devices.faulty import Faulty
@@ -16,7 +18,7 @@ from servobench.rig.devices.guarded import Guarded
 from servobench.rig.devices.replay import Replay
 from servobench.rig.devices.twin import Twin
 from servobench.rig.experiment import PAPER, Limits
-from servobench.rig.experiment.limits import Outputs, Plausibility, Watchdog
+from servobench.rig.experiment.limits import Outputs, Plausibility, StallLimits, Watchdog
 from servobench.rig.loop.run import run
 from tests.faults.doubles import Bench, drive
 from tests.rig.loop.shaft import Controller, Shaft, odd
@@ -360,6 +362,25 @@ def test_start_and_watchdog_values_are_put_out() -> None:
 
 
 @pytest.mark.promise("S12")
+@pytest.mark.parametrize(("starves", "voltage"), [(True, 0.25), (False, 0.5)])
+def test_what_stopped_the_motor_decides_what_is_held_until_it_is_acknowledged(
+    starves: bool, voltage: float
+) -> None:
+    limits = Limits(watchdog=Watchdog(voltage=0.25), terminate=Outputs(voltage=0.5))
+    now, shaft = Time(), Shaft(timing="host")
+    guarded = started(shaft, limits, when_faulted="hold", now=now)
+    tick(guarded)
+    if starves:
+        now.now += 1.0
+        guarded.look()
+    else:
+        tick(guarded, math.nan)
+
+    assert tick(guarded, 5.0) == voltage
+    guarded.stop()
+
+
+@pytest.mark.promise("S12")
 def test_the_start_value_comes_with_the_first_sample_and_is_slewed_and_watched_as_any_other() -> None:
     limits = Limits(start=Outputs(voltage=5.0), slew=100.0, watchdog=Watchdog(voltage=0.25))
     now, motor = Time(), Bench()
@@ -416,6 +437,79 @@ def test_what_nothing_drives_is_not_watched() -> None:
 
 def test_every_monitor_says_what_it_watches_by() -> None:
     assert set(MONITORS.names()) >= {"current", "plausibility", "speed", "stall", "steps", "travel"}
+
+
+class Held(Shaft):
+    """A shaft that something holds; its clock can be set, and its output may be in another unit."""
+
+    unit, ahead = "V", 0.0
+
+    @property
+    def info(self) -> DeviceInfo:
+        return replace(
+            super().info,
+            channels=(Channel(name="voltage", unit=self.unit), Channel(name="counts", unit="counts")),
+        )
+
+    def read(self) -> Sample:
+        sample = super().read()
+        return replace(sample, time=sample.time + self.ahead, counts=0)
+
+
+STALLS_AT_1_V = Limits(stall=StallLimits(voltage=1.0, duration=0.1))
+
+
+def test_a_clock_that_goes_back_took_as_long_as_a_tick() -> None:
+    shaft = Held()
+    guarded = started(shaft, STALLS_AT_1_V)
+    for _ in range(5):
+        tick(guarded)
+    shaft.ahead = -3600.0
+    tick(guarded)
+
+    assert guarded.fault is None
+    assert guarded.time_stalled == pytest.approx(5 * 0.01)
+
+
+def test_a_stall_that_was_acknowledged_is_timed_anew() -> None:
+    guarded = started(Held(), STALLS_AT_1_V, when_faulted="hold")
+    for _ in range(20):
+        tick(guarded)
+    assert guarded.fault is not None
+    guarded.acknowledge()
+    assert guarded.time_stalled == 0.0
+    for _ in range(9):
+        tick(guarded)
+    assert guarded.fault is None
+
+
+def test_limits_in_volts_watch_nothing_that_is_put_out_in_percent() -> None:
+    shaft = Held()
+    shaft.unit = "%"
+    guarded = started(shaft, STALLS_AT_1_V)
+    for _ in range(20):
+        tick(guarded)
+
+    assert guarded.fault is None
+    assert guarded.time_stalled == 0.0
+
+
+class Table(Shaft):
+    """A device that takes the voltages of a run in advance."""
+
+    def preload(self, voltages: Array) -> None:
+        self.ahead = voltages.tolist()
+
+
+def test_voltages_in_advance_are_limited_too_and_none_are_given_where_they_will_differ() -> None:
+    device = Table()
+    for limits, expected in (
+        (Limits(voltage=3.0), [2.0, 3.0, -3.0]),
+        (Limits(voltage=3.0, slew=100.0), []),
+        (Limits(voltage=3.0, start=Outputs(voltage=1.0)), []),
+    ):
+        started(device, limits).preload(np.array([2.0, 5.0, -5.0]))
+        assert device.ahead == expected
 
 
 @pytest.mark.parametrize("fails", ["read", "write"])

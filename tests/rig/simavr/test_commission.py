@@ -1,6 +1,9 @@
 """The rig is commissioned in lock-step with the firmware in simavr: verified on simulated silicon, never on silicon."""
 
+import pytest
+
 from servobench.recordings.recording import Recording
+from servobench.rig.commission import acceptance
 from servobench.rig.commission.acceptance import Acceptance, commission
 from servobench.rig.commission.bench import Bench as Commissioning
 from servobench.rig.devices.base import Device
@@ -38,6 +41,19 @@ def commissioned(**settings: object) -> tuple[Acceptance, list[float]]:
     return commission(bench, "2026-11-23T12:00:00+00:00"), speeds
 
 
+def test_a_rig_stops_by_itself_and_turns_the_right_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    needed()
+    few = [pair for pair in acceptance.in_order() if pair[0] in {"rest", "stop", "watchdog", "sign"}]
+    monkeypatch.setattr(acceptance, "in_order", lambda: few)
+    found, speeds = commissioned()
+
+    assert [(each.name, each.outcome.state) for each in found.checks] == [
+        (name, "verified") for name in ("rest", "stop", "watchdog", "sign")
+    ]
+    assert set(speeds) == {0.0}
+
+
+@pytest.mark.long
 def test_a_rig_is_accepted_but_for_what_takes_a_hand_or_hours() -> None:
     needed()
     found, speeds = commissioned()

@@ -103,3 +103,16 @@ def test_a_flipped_bit_is_noticed(payload: bytes, place: int) -> None:
     frame[place % len(frame)] ^= 1 << place % 8
 
     assert 0 in frame or decode(bytes(frame)) is None
+
+
+@pytest.mark.parametrize("length", [253, 254, 255, 508, 600])
+@pytest.mark.parametrize(("before", "after"), [(b"", b""), (b"\0", b""), (b"", b"\0"), (b"", b"\0\0a")])
+def test_a_long_run_without_a_zero_is_stuffed_in_blocks_and_comes_back(
+    length: int, before: bytes, after: bytes
+) -> None:
+    payload = before + bytes(1 + k % 255 for k in range(length)) + after
+
+    frame = encode(payload)
+
+    assert frame.index(0) == len(frame) - 1
+    assert decode(frame[:-1]) == payload

@@ -166,7 +166,7 @@ def _blanks_by_reason(asked: Sequence[tuple[Question, ...]]) -> dict[str, list[s
 
 
 def _not_asked(why: str) -> str:
-    """Why a blank isn't asked of some or all students, as the exercise states it."""
+    """The exercise's reason why a blank isn't asked of some or all students."""
     return f"not asked if it can't be determined: {why}"
 
 

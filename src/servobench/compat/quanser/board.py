@@ -24,7 +24,7 @@ CODES = 4096  # of the converters, 12 bits
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """What a program left on a board when it closed it, or ended: the `voltage` [V], and whether the amplifier was `enabled`.
+    """The state in which a program left a board: the `voltage` [V], and whether the amplifier was `enabled`.
 
     `title` names the board; it was `closed` by the program or not, and maybe `unplugged` before.
     """

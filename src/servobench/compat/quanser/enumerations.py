@@ -10,7 +10,7 @@ ENDLESS = 2**32 - 1
 
 
 class Clock:
-    """What times a task: system clocks are negative, hardware clocks 0 and above."""
+    """The clock of a task: system clocks are negative, hardware clocks 0 and above."""
 
 
 for _number in range(1, 5):
@@ -20,7 +20,7 @@ for _number in range(20):
 
 
 class ClockMode:
-    """What a hardware clock is used for."""
+    """The use of a hardware clock."""
 
     TIMEBASE = 0
     PWM = 1
@@ -28,7 +28,7 @@ class ClockMode:
 
 
 class AnalogInputConfiguration:
-    """How an analog input is wired."""
+    """The wiring of an analog input."""
 
     RSE = 0
     NRSE = 1
@@ -37,7 +37,7 @@ class AnalogInputConfiguration:
 
 
 class PWMMode:
-    """What a value that is written to a PWM output means."""
+    """The meaning of a value that is written to a PWM output."""
 
     DUTY_CYCLE = 0
     FREQUENCY = 1
@@ -49,7 +49,7 @@ class PWMMode:
 
 
 class PWMConfiguration:
-    """How PWM outputs work together."""
+    """The coupling of PWM outputs."""
 
     UNIPOLAR = 0
     BIPOLAR = 1
@@ -58,7 +58,7 @@ class PWMConfiguration:
 
 
 class PWMAlignment:
-    """Where in its period a pulse stands."""
+    """The place of a pulse in its period."""
 
     LEADING_EDGE_ALIGNED = 0
     TRAILING_EDGE_ALIGNED = 1
@@ -73,7 +73,7 @@ class PWMPolarity:
 
 
 class DigitalState:
-    """What a digital output is put to when the watchdog expires."""
+    """The state of a digital output after the watchdog has expired."""
 
     LOW = 0
     HIGH = 1
@@ -82,14 +82,14 @@ class DigitalState:
 
 
 class DigitalConfiguration:
-    """How a digital output is driven."""
+    """The driver of a digital output."""
 
     OPEN_COLLECTOR = 0
     TOTEM_POLE = 1
 
 
 class EncoderQuadratureMode:
-    """How many counts an encoder gives for each of its lines."""
+    """The number of counts for each line of an encoder."""
 
     NONE = 0
     X1 = 1
@@ -98,7 +98,7 @@ class EncoderQuadratureMode:
 
 
 class BufferOverflowMode:
-    """What a task does when its buffer is full; the last two are for simulated boards only."""
+    """The behaviour of a task whose buffer is full; the last two are for simulated boards only."""
 
     ERROR_ON_OVERFLOW = 0
     OVERWRITE_ON_OVERFLOW = 1

@@ -58,7 +58,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Address:
-    """Which board is opened: its `card_type` and identifier, and whether it is one of Quanser's simulator, with a pendulum."""
+    """The board that is opened: its `card_type` and identifier, and whether it is one of Quanser's simulator, with a pendulum."""
 
     card_type: str
     identifier: str

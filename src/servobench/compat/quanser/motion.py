@@ -165,7 +165,7 @@ class Motion:
 def _plant(
     twin: TwinSettings, mounted: Mounted, random: np.random.Generator
 ) -> tuple[Plant | RotaryPendulum, Hand | None]:
-    """What the amplifier turns, and the hand that holds it."""
+    """The plant that the amplifier turns, and the hand that holds it."""
     motor = twin.parameters
     if mounted != "disc":
         bare = Physics.of(replace(motor, disc_inertia=0.0), twin.amplifier_resistance)

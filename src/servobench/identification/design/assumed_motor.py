@@ -33,7 +33,7 @@ _KNOWN = 2.5  # standard deviations of an estimate to which the limits hold
 
 @dataclass(frozen=True, kw_only=True)
 class AssumedMotor:
-    """What is known of a motor before the experiment: a first-order motor, by how much it may differ, and the noise.
+    """A motor as assumed before the experiment: a first-order motor, by how much it may differ, and the noise.
 
     `name` says which motor it is. `gain` [rad/(s·V)] and `time_constant` [s] may be off by the relative `tolerance`;
     `coulomb_voltage` and `offset_voltage` [V]; `dead_band` [V] is the amplifier's; `delay` [s] is the lag of the winding where

@@ -33,7 +33,7 @@ _COPPER = 0.0039  # 1/K, change of copper's resistance
 
 @dataclass(frozen=True, kw_only=True)
 class Cause:
-    """What may make runs differ: its name, the share of the scatter that it explains, and by how much it changed in each run.
+    """A possible cause of differing runs: its name, the share of the scatter that it explains, and its change in each run.
 
     `changes` are relative to the mean of all runs; `sentence` says it in words.
     """

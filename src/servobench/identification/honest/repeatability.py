@@ -30,7 +30,7 @@ _FEW = 5  # runs below which little can be said
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Honesty:
-    """What n runs say of the intervals: how each of the `parameters` scatters, what follows what (`trends`), causes, and
+    """The evidence of n runs on the intervals: the scatter of each of the `parameters`, what follows what (`trends`), causes, and
     findings.
 
     `structure` is that of all fits. `left_out` names runs that support no model.
@@ -212,7 +212,7 @@ def _fits(data: Sequence[Dataset], structure: str, estimator: str) -> list[Fit |
 
 
 def _scatters(fits: Sequence[Fit]) -> tuple[Scatter, ...]:
-    """How each parameter scatters that every run determines; the chance of a false alarm is shared among them."""
+    """The scatter of each parameter that every run determines; the chance of a false alarm is shared among them."""
     names = [
         name
         for name in fits[0].model.names
@@ -308,7 +308,7 @@ def _about(each: Scatter, runs: int) -> Finding:
 
 
 def _reasons(why: Sequence[Cause], follows: Sequence[Trend]) -> list[Finding]:
-    """What the runs say about the reason of their differences."""
+    """The findings on the reason of the runs' differences."""
     told = []
     for trend in follows:
         sense = {1: "rises", -1: "falls", 0: "changes"}[trend.sense]

@@ -124,7 +124,7 @@ def paule_mandel(y: Array, s: Array) -> float:
 
 
 def _count_covered(y: Array, s: Array) -> int:
-    """How many values are within 1.96 stated standard deviations of the mean of the others, whose own is counted in."""
+    """The number of values within 1.96 stated standard deviations of the mean of the others, whose own is counted in."""
     count = 0
     for n in range(len(y)):
         rest = np.arange(len(y)) != n

@@ -107,7 +107,7 @@ def _quantum(fit: Fit) -> float:
 
 
 def _rounding(x: Array, bread: Array, step: float, variance: float) -> Array:
-    """What rounding adds to the covariance (3, 3) where the current's noise is too small to average it out.
+    """The part of rounding in the covariance (3, 3) where the current's noise is too small to average it out.
 
     Below half a step of noise the same current is rounded the same way each time, so that its error, step/√12, is taken as one
     and the same for all samples of one voltage.

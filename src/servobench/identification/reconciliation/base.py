@@ -28,7 +28,7 @@ Name: TypeAlias = Literal["gain", "time_constant", "delay"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Question:
-    """What is to be explained: how figures come from `before` to `after`, by name, in SI units or those of the data.
+    """A difference to explain: figures `before` and `after`, by name, in SI units or those of the data.
 
     Its `origin` is a claim or a data sheet. Of a `claim` the data's figures stand before and the claimed ones after: what did
     its author do, or have, that the data haven't? Of a `data sheet` its figures stand before and those of the data after: what
@@ -86,7 +86,7 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sizes:
-    """Which sizes a cause may have before anybody looks at the difference, `values` (n,), and how probable each is.
+    """The sizes that a cause may have before anybody looks at the difference, `values` (n,), and how probable each is.
 
     `weights` (n,) are those probabilities. `steps` (n,) are the distances to the neighbours where sizes are samples of a range,
     0 where each stands for itself. `likely` is the size that is typical; without it, the root mean square on the side that
@@ -108,7 +108,7 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Excluded:
-    """Why a cause can't be one here: the `reason` as a sentence."""
+    """A cause that is impossible here: the `reason` as a sentence."""
 
     reason: str
 
@@ -128,17 +128,17 @@ class Cause(Protocol):
 
     @property
     def label(self) -> str:
-        """What people call it."""
+        """Its name for people."""
         ...
 
     @property
     def law(self) -> str:
-        """What it does to gain and time constant, as a sentence."""
+        """Its effect on gain and time constant, as a sentence."""
         ...
 
     @property
     def occurrence(self) -> float:
-        """How probable it is that it takes part at all, before anybody looks."""
+        """The probability that it takes part at all, before anybody looks."""
         ...
 
     @property

@@ -38,7 +38,7 @@ class Difference:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Explanation:
-    """Why figures differ: the differences, what methods read off the same data, the causes, and the experiment that decides.
+    """An explanation of differing figures: the differences, methods' readings of the same data, causes, the deciding experiment.
 
     `causes` are all that were weighed, the most probable first; a cause's probability is that of taking part, alone or with
     another one, and 0 where it isn't possible. `hypotheses` are the sets of possible causes, whose probabilities add up to

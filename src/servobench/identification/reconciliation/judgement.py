@@ -209,7 +209,7 @@ def _share(effect: float, difference: float) -> float:
 
 
 def _against(cause: Cause, question: Question, left: Array, *, helps: bool, known: bool) -> str:
-    """What speaks against a cause, empty for nothing."""
+    """The evidence against a cause, empty for none."""
     if not helps:
         return _no_help(cause, question, known=known)
     if question.distance(left) <= _LIMIT + len(question.names) - 1:
@@ -221,7 +221,7 @@ def _against(cause: Cause, question: Question, left: Array, *, helps: bool, know
 
 
 def _no_help(cause: Cause, question: Question, *, known: bool) -> str:
-    """Why a cause explains nothing of the difference."""
+    """The reason why a cause explains nothing of the difference."""
     low, high = cause.domain(question)
     toward = np.linalg.solve(question.covariance, question.difference)
     sizes = cause.sizes(question)

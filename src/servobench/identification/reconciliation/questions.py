@@ -164,7 +164,7 @@ def _check_units(fit: Fit) -> None:
 
 
 def _remaining_lag(fit: Fit) -> float | None:
-    """What a reading of steps has of the measurement's lag: the reading less what its corrected sister makes of the same data.
+    """The measurement's lag in a reading of steps: the reading less that of its corrected sister from the same data.
 
     None where that finds no motor that reads so: then nothing is known of the lag.
     """

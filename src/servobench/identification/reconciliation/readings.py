@@ -9,7 +9,7 @@ from servobench.core.channels import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lags:
-    """What filters of falling `cutoffs` (n,) [rad/s] add to a time constant, `extra`, and to `delays` (n,) [s], as found."""
+    """The part of filters of falling `cutoffs` (n,) [rad/s] in a time constant, `extra`, and in `delays` (n,) [s], as found."""
 
     cutoffs: Array
     extra: Array
@@ -18,7 +18,7 @@ class Lags:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What a method reads off a speed behind a chain: gain [unit of the data] and time constant [s].
+    """A method's reading of a speed behind a chain: gain [unit of the data] and time constant [s].
 
     `by_hand` where a person reads it off a curve; `simulated` where the record has no steps and the fitted motor was given some.
     `why_not` says why it can't be read, empty where it can; then both are NaN.

@@ -114,7 +114,7 @@ def _first(question: Question, first: JudgedCause) -> str:
 
 
 def _rest(question: Question, first: JudgedCause, hypotheses: Sequence[Hypothesis]) -> list[str]:
-    """What a cause of known size leaves, and whether chance is enough for that."""
+    """The sentences on what a cause of known size leaves, and whether chance is enough for that."""
     sizes = CAUSES[first.name].sizes(question)
     if not isinstance(sizes, Sizes) or len(sizes.values) != 1 or first.likely is None:
         return []
@@ -156,7 +156,7 @@ def _alike(first: JudgedCause, alike: Sequence[str]) -> list[str]:
 
 
 def _if_the_motor(causes: Sequence[JudgedCause]) -> list[str]:
-    """What the motor itself would have to be like."""
+    """The sentences on what the motor itself would have to be like."""
     sizes = [
         each.needed.text
         for each in causes

@@ -42,7 +42,7 @@ _BEYOND = 8.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """What is left out, its name, and what is left."""
+    """The part that is left out, its name, and the rest."""
 
     name: str
     held: tuple[Dataset, ...]
@@ -158,7 +158,7 @@ def _training_data(fit: Fit) -> list[Dataset]:
 
 
 def _reverses(name: str, percent: float) -> Finding:
-    """That a model of a motor that turned one way was tried on one that turns round."""
+    """A finding that a model of a motor that turned one way was tried on one that turns round."""
     sentence = (
         f"The model was fitted to a motor that turned one way only, and tested on {name}, where it "
         "also turns the other way: friction changes sign there, but the model has it as a "
@@ -259,7 +259,7 @@ def _one(data: Dataset) -> tuple[Callable[[int], str], Iterator[Part]]:
 
 
 def _how(part: str, several: str, others: str, number: int) -> str:
-    """How so many parts were left out, in words."""
+    """The way in which so many parts were left out, in words."""
     if number == 1:
         return f"one {part} simulated by a model fitted to the rest"
     return f"each of {number} {several} simulated by a model fitted to {others}"

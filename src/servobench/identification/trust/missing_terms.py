@@ -243,7 +243,7 @@ def _strongest(shown: Sequence[TermScore]) -> dict[str, TermScore]:
 
 
 def _finding(code: str, shown: TermScore, alike: Sequence[str]) -> Finding:
-    """What a missing term is to the user: a doubt, unless the intervals hold it, or an unknown filter may be what makes it up.
+    """The finding on a missing term: a doubt, unless the intervals hold it, or an unknown filter may be what makes it up.
 
     `alike` are terms that would show in the same residual.
     """

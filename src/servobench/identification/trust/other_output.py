@@ -52,12 +52,12 @@ def _speed_beside_position(recordings: Sequence[Recording]) -> str | None:
 
 
 def _alike(first: str, second: str) -> int:
-    """How many letters two names begin with in common."""
+    """The number of letters that two names have in common at their begin."""
     return len(list(takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False))))
 
 
 def _quantity(recording: Recording, name: str) -> str | None:
-    """What a channel measures by its unit, None where it isn't there or has no unit."""
+    """The quantity of a channel by its unit, None where it isn't there or has no unit."""
     from servobench.core.units import is_unit, unit
 
     symbol = recording[name].channel.unit if name in recording else None

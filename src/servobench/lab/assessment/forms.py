@@ -84,7 +84,7 @@ def forms_in(folder: Path) -> tuple[tuple[Form, ...], tuple[str, ...]]:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """What may be a form, in an order that is always the same; a recording's table is none, nor is what a link leads to."""
+    """The files that may be forms, always in the same order; a recording's table is none, nor is what a link leads to."""
     for path in sorted(folder.rglob("*")):
         if path.suffix.lower() not in (*_TABLES, *_SPREADSHEETS) or path.is_symlink() or not path.is_file():
             continue

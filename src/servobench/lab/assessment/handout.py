@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Handout:
-    """What was handed out to a student: their folder, what they are asked, and why the run was `cut_short`, or empty."""
+    """A student's handout: their folder, what they are asked, and why the run was `cut_short`, or empty."""
 
     student: Student
     asked: tuple[Question, ...]

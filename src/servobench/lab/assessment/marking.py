@@ -21,7 +21,7 @@ Verdict: TypeAlias = Literal["right", "wrong", "missing", "not asked"]
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """What became of one answer: the verdict on what was given for a blank, and the sentence that says why.
+    """The mark of one answer: the verdict on what was given for a blank, and the reason as a sentence.
 
     A blank that a student's recording doesn't tell is not asked, whatever they wrote.
     """

@@ -63,7 +63,7 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StudyResult:
-    """What a study found: tables, figures, sentences of what it means, and facts that stand in no table."""
+    """A study's result: tables, figures, sentences of what it means, and facts that stand in no table."""
 
     tables: tuple[Table, ...] = ()
     figures: tuple[Illustration, ...] = ()
@@ -72,7 +72,7 @@ class StudyResult:
 
 
 class Stand(Protocol):
-    """What a study works with: the exercise's experiment, what is known of it, and the motor to run others on."""
+    """A study's means: the exercise's experiment, the facts on it, and the motor to run others on."""
 
     @property
     def experiment(self) -> Experiment:
@@ -109,7 +109,7 @@ class Study(Protocol):
 
 
 class StudySettings(Settings):
-    """What the settings of all studies have."""
+    """The settings that all studies have."""
 
     paper: Mapping[str, tuple[float | str, ...]] = {}
     """The paper's numbers by the names of columns, in their units; "" where it gives none."""

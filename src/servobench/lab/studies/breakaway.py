@@ -107,7 +107,7 @@ class Breakaway(StudySettings):
         return StudyResult(tables=(table,), figures=(_figure(own, ramps[-1], self.cases[-1]),))
 
     def _lateness(self, stand: Stand) -> float:
-        """How much the ramp rises from where the data sheet's motor begins to slide until that is seen [V]."""
+        """The rise of the ramp [V] from the moment at which the data sheet's motor begins to slide until that is seen."""
         rate, tau = self.to / self.duration, required_fact(stand, "sheet_time_constant")
         seen = (_MOVED + 1) * 2 * math.pi / required_fact(stand, "counts_per_rev")
         turned = seen / (required_fact(stand, "sheet_gain") * rate * tau**2)

@@ -76,7 +76,7 @@ class CutoffSweep(StudySettings):
         )
 
     def _filters(self) -> Table:
-        """What the filters are: the paper's Table 1-4."""
+        """The filters: the paper's Table 1-4."""
         cutoffs = np.array(self.cutoffs)
         columns = (
             Column(name="cutoff", heading="cut-off", unit="rad/s", values=self.cutoffs),
@@ -136,7 +136,7 @@ def _through(position: Dataset, chain: Chain) -> Dataset:
 
 
 def _swing(readings: Readings) -> float:
-    """How far the speed moves in the steps that were read, on average [rad/s]."""
+    """The mean change of the speed in the steps that were read [rad/s]."""
     return float(
         np.mean(
             [abs(v[0] * (s.after - s.before)) for s, v in zip(readings.steps, readings.values, strict=True)]
@@ -145,7 +145,7 @@ def _swing(readings: Readings) -> float:
 
 
 def _settling_time(speed: Dataset, readings: Readings) -> float:
-    """When the speed is for the last time more than 2 % of a step away from its steady value, as a mean over steps [s]."""
+    """The settling time to 2 % of a step, as a mean over steps [s]."""
     times = []
     for step in readings.steps:
         first, last = (float(part.mean()) for part in step.steady(speed.t_output, speed.y))

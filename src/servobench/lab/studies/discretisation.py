@@ -85,7 +85,7 @@ class DiscretisationTable(StudySettings):
 
 
 def _pole(how: Discretisation, product: float) -> float:
-    """What of the output is left in the next sample."""
+    """The pole: the part of the output that is left in the next sample."""
     if how == "euler":
         return 1.0 - product
     return math.exp(-product) if how == "zoh" else (1.0 - 0.5 * product) / (1.0 + 0.5 * product)

@@ -122,7 +122,7 @@ def _motion(stand: Stand, square: Square, case: _Case) -> Dataset:
 
 
 def _scatter(motion: Dataset, case: _Case, truth: Truth, places: Array) -> _Scatter:
-    """What encoders make of a motion that stand at `places` (N,), parts of a count."""
+    """The scatter of a motion seen by encoders at `places` (N,), parts of a count."""
     from servobench.identification.estimators.base import ESTIMATORS
     from servobench.identification.estimators.covariance import inverse
     from servobench.identification.models.base import STRUCTURES
@@ -145,7 +145,7 @@ def _scatter(motion: Dataset, case: _Case, truth: Truth, places: Array) -> _Scat
 
 
 def _count_motion(motion: Dataset, quantum: float, place: float) -> Dataset:
-    """What an encoder with that quantum [rad] shows, the middle of each count, if it stands so far from the edge of one."""
+    """An encoder's record of a motion, the middle of each count, for a quantum [rad] and a distance from the edge of one."""
     y = (np.floor(motion.y / quantum + place) + 0.5) * quantum
     return replace(motion, y=y, quantum=quantum)
 

@@ -85,6 +85,6 @@ def _levels(motion: Motion) -> list[Motion]:
 
 
 def _way(part: Motion) -> str:
-    """Which way the counter went: a count to and fro is none."""
+    """The direction in which the counter went: a count to and fro is none."""
     counts = (part.angle[-1] - part.angle[0]) / part.count
     return "goes up" if counts > 1 else "goes down" if counts < -1 else "stays"

@@ -75,7 +75,7 @@ class LoopMargins(OfAMotor):
 
 
 def _bandwidth(loop: TransferFunction) -> float:
-    """Where L/(1 + L) has 1/√2 of its gain at zero [rad/s]."""
+    """The frequency at which L/(1 + L) has 1/√2 of its gain at zero [rad/s]."""
     return bandwidth(_close_loop(loop, loop.numerator))
 
 

@@ -52,7 +52,7 @@ class _Views:
 
 @dataclass(frozen=True, kw_only=True)
 class _Method:
-    """What a row is called, what it looks at, and how it estimates."""
+    """A row's name, its data, and its way to estimate."""
 
     label: str
     sees: str
@@ -104,7 +104,7 @@ class Methods(StudySettings):
 
 @dataclass(frozen=True, kw_only=True)
 class _TimedMethod:
-    """What a method found and how long it took [ms], or why it found nothing, as a sentence."""
+    """A method's result and how long it took [ms], or why it found nothing, as a sentence."""
 
     estimate: _Estimate
     cost: float = math.nan
@@ -115,7 +115,7 @@ _NOTHING = _Estimate(gain=math.nan, gain_sd=math.nan, time_constant=math.nan, ti
 
 
 def _time_method(method: _Method, views: _Views) -> _TimedMethod:
-    """What a method finds; its first call is thrown away, as it may compile or load what it needs."""
+    """A method's result and time; its first call is thrown away, as it may compile or load what it needs."""
     try:
         method.estimate(views)
         before = time.perf_counter()

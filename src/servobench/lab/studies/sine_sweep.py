@@ -160,7 +160,7 @@ class SineSweep(StudySettings):
         )
 
     def _at(self, frequency: float, truth: Truth) -> complex:
-        """What is expected at a frequency; of a constant voltage friction takes u_c, where it starts from rest."""
+        """The expected response at a frequency; of a constant voltage friction takes u_c, where it starts from rest."""
         if frequency:
             return self._expected_response(frequency, truth)
         lost = 0.0 if self.offset else truth.coulomb_voltage
@@ -233,7 +233,7 @@ def _wave(t: Array, y: Array, omega: float) -> complex:
 
 
 def _corner(points: Sequence[_Point]) -> float:
-    """Where the gain has fallen by 3.01 dB [rad/s], between two points on the line through their decibels over log f."""
+    """The corner frequency, 3.01 dB down [rad/s], between two points on the line through their decibels over log f."""
     goal = _db(points[0].gain) - _HALF_POWER
     for a, b in pairwise(points[1:]):
         if _db(a.gain) >= goal > _db(b.gain):

@@ -157,7 +157,7 @@ def _linear(stand: Stand, wave: Wave) -> tuple[float, float]:
 
 
 def _answer(motion: Motion, wave: Wave) -> _Answer:
-    """What the last two whole periods say; the mean over a whole period knows nothing of what repeats in it."""
+    """The response in the last two whole periods; the mean over a whole period knows nothing of what repeats in it."""
     n = round(1 / (wave.frequency * float(motion.t[1] - motion.t[0])))
     last, before = motion.angle[-n:], motion.angle[-2 * n : -n]
     t, omega = motion.t[-n:], 2 * math.pi * wave.frequency

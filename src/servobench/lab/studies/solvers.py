@@ -52,7 +52,7 @@ _CASES = (
 
 
 class _Row(NamedTuple):
-    """What came out: how a fast disturbance changes in a step, the largest error of the speed, the time constant it shows."""
+    """A solver's result: the change of a fast disturbance in a step, the largest error of the speed, the time constant."""
 
     growth: float
     error: Cell
@@ -147,7 +147,7 @@ def _physics(whole: Physics, case: Case) -> Physics:
 
 
 def _factor(solver: str, z: float) -> float:
-    """What one step makes of e^{λt}, with z = λ step: 1 + z by Euler, the fourth-order sum by RK4, else e^z."""
+    """The factor of e^{λt} in one step, with z = λ step: 1 + z by Euler, the fourth-order sum by RK4, else e^z."""
     if solver == "euler":
         return 1 + z
     return 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24 if solver == "rk4" else math.exp(z)

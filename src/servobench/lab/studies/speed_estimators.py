@@ -136,7 +136,7 @@ def _table(rows: list[_Row], work: _Work) -> Table:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Work:
-    """What all rows are computed from: the recording, a run at constant speed, and a motor like the one that was read."""
+    """The data of all rows: the recording, a run at constant speed, and a motor like the one that was read."""
 
     position: Dataset
     steady: SteadyRun
@@ -246,7 +246,7 @@ def _as_speed(position: Dataset, estimate: SpeedEstimate) -> Dataset:
 
 
 def _swing(readings: Readings) -> float:
-    """How far the speed moves in the steps that were read, on average [rad/s]."""
+    """The mean change of the speed in the steps that were read [rad/s]."""
     return float(
         np.mean(
             [abs(v[0] * (s.after - s.before)) for s, v in zip(readings.steps, readings.values, strict=True)]

@@ -116,7 +116,7 @@ def _is_cut_short(run: Recording) -> bool:
 
 
 def _sentences(cases: tuple[StallCase, ...], runs: list[Recording]) -> tuple[str, ...]:
-    """What the monitor said, run by run."""
+    """The monitor's sentences, run by run."""
     return tuple(
         f"Held under {plain(case.voltage)} V: {run.stopped.sentence}."
         for case, run in zip(cases, runs, strict=True)

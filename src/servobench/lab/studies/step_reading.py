@@ -148,7 +148,7 @@ def _read(recording: Recording, chain: str, estimator: str) -> float:
 
 
 def _asymptote(motion: Motion) -> float:
-    """How long after the step the line through the last third of the angle meets the angle before the step [s]."""
+    """The time from the step at which the line through the last third of the angle meets the angle before the step [s]."""
     starts = motion.starts
     if len(starts) != 2:
         raise NotIdentifiable(

@@ -70,7 +70,7 @@ class WrapTimes(StudySettings):
 
 
 def _jumps(recording: Recording, bits: int) -> tuple[Table, Illustration]:
-    """Where the counter jumped in a run, and the picture of it."""
+    """The counter's jumps in a run, and the picture of them."""
     motion = motion_of(recording)
     shown = recording["counts"].values
     steps = np.diff(shown)

@@ -52,7 +52,7 @@ _JOINED = re.compile(r"(?P<name>.+?)(?:\s*/\s*|\s+in\s+|\s*,\s*)(?P<unit>.+)")
 
 @dataclass(frozen=True, kw_only=True)
 class Heading:
-    """What a column's header says: its name without the unit, and the unit's text, None where it has none.
+    """A column's header: its name without the unit, and the unit's text, None where it has none.
 
     `from_name` says that the unit is no more than an ending of the name (`theta_deg`), which then keeps it.
     """
@@ -112,7 +112,7 @@ def with_unit(name: Heading, text: str) -> tuple[Heading, tuple[Finding, ...]]:
 
 
 def _bracket(text: str) -> tuple[str, str] | None:
-    """What stands before and in the last pair of brackets, where the text ends with one."""
+    """The text before and in the last pair of brackets, where it ends with one."""
     opening = _CLOSING.get(text[-1:])
     depth = 0
     for k in range(len(text) - 1, -1, -1):
@@ -218,7 +218,7 @@ def recording_of(
 
 
 def _about_own_times(columns: Sequence[Column]) -> Iterable[Finding]:
-    """What is wrong with the times that columns have of their own, once where it is the same for several."""
+    """Findings on the times that columns have of their own, one for several columns with the same fault."""
     own = {column.t.tobytes(): column.t for column in columns if column.t is not None}
     return dict.fromkeys(finding for t in own.values() for finding in time_findings(t))
 
@@ -298,7 +298,7 @@ def _time_finding(heading: Heading, symbol: str, t: Array) -> Finding:
 
 
 def _why_no_time(values: Array) -> str:
-    """What keeps a column from being times, and what to do about it where the rows only stand in another order."""
+    """The reason why a column can't be times, and the remedy where its rows are only out of order."""
     values = values[np.isfinite(values)]
     if len(values) < 2:
         return "it has one row, and a motion takes several" if len(values) else "it has no number"

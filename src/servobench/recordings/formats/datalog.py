@@ -70,7 +70,7 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Log:
-    """What is in a file: its entries in the order in which they were started, its bytes, `data`.
+    """The content of a file: its entries in the order in which they were started, and its bytes, `data`.
 
     `unknown` counts records of entries that weren't open; `damage` says why the file couldn't be read to its end, if so.
     """

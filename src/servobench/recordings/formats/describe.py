@@ -23,7 +23,7 @@ _ROUNDING = 1e-9  # of the largest value: what lies closer together differs by r
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelDescription:
-    """What the values of a channel, `name`, are like, in its unit.
+    """A summary of the values of a channel, `name`, in its unit.
 
     Of its `samples` some are `non_finite`. `minimum` and `maximum` are None where there is no finite value. `levels` counts
     the different values, `quantum` is the step between them where they lie on a grid. `repeated` is the share of samples that
@@ -44,7 +44,7 @@ class ChannelDescription:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Description:
-    """What is in a recording, and what stands between it and an identification.
+    """A recording's content, and what is missing for an identification.
 
     `mapping` says what is known or recognised of time, input and output. `missing` has a sentence for each thing that has to be
     said first, or that stands in the way. `findings` are all there are, those of recognising included.
@@ -60,7 +60,7 @@ class Description:
     findings: tuple[Finding, ...]
 
     def __str__(self) -> str:
-        """What is in the recording, line by line: its channels, what was recognised, and what has to be said first."""
+        """The recording's content as lines: its channels, what was recognised, and what is missing."""
         lines = [f"{self.name}: {count_text(len(self.channels), 'channel')}"]
         for each in self.channels:
             ends = "" if each.minimum is None else f", {each.minimum:.6g} to {each.maximum:.6g}"
@@ -137,7 +137,7 @@ def _changes(values: Array) -> bool:
 
 
 def _complete_mapping(recording: Recording) -> Mapping:
-    """What is known or recognised of time, input and output."""
+    """The given or recognised time, input and output."""
     return Mapping(
         time=_time_column(recording),
         input=_role_channel(recording, "input", recording.input),

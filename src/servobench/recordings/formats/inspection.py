@@ -20,7 +20,7 @@ _RUN = 5  # samples one after the other
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Intervals:
-    """How the intervals between samples are spread: `counts` (B,) between `edges` (B + 1,) [s], and how many lie beyond.
+    """A histogram of sample intervals: `counts` (B,) between `edges` (B + 1,) [s], and the number beyond.
 
     `median` is in s. Only intervals that go forward are counted; `beyond` are gaps, longer than `GAP` medians.
     """
@@ -62,7 +62,7 @@ def intervals(t: Array) -> Intervals | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Extremes:
-    """How long a channel sits at the ends of its range.
+    """The share of samples at the ends of a channel's range.
 
     `smallest` and `largest` are in its unit, `at_smallest` and `at_largest` shares of the samples, `longest` the longest stay at
     either end in samples. `looks_limited` says that a signal of many levels stays there on its way, and longer than anywhere

@@ -115,7 +115,7 @@ def _recording(run: Sequence[Segment], name: str, source: Source, findings: Sequ
 
 
 def _about_runs(segments: Sequence[Segment], runs: Sequence[Sequence[Segment]]) -> list[Finding]:
-    """What is to be known of the segments of a file with several."""
+    """Findings on the segments of a file with several."""
     if len(segments) == 1:
         return []
     if len(runs) == 1:

@@ -107,7 +107,7 @@ class File:
             yield _segment(self, header, end + 1, until, name)
 
     def _begin(self, end: int, before: int) -> int:
-        """Where the header that ends in line `end` begins: at its line `Channels`, or behind the last row with numbers."""
+        """The first line of the header that ends in line `end`: its line `Channels`, or the one after the last row of numbers."""
         for k in range(end - 1, before, -1):
             if self.lines[k].split(self.separator)[0].strip().lower() == "channels":
                 return k
@@ -168,7 +168,7 @@ def later(column: Column, nanoseconds: int) -> Column:
 
 
 def _places(cells: Sequence[str], x_columns: str) -> list[tuple[int | None, int]]:
-    """Where in a row the X, None without one, and the Y of each channel stand; comments come last."""
+    """The columns of each channel's X, None without one, and Y; comments come last."""
     last = len(cells) - 1 if cells and cells[-1] == _COMMENT else len(cells)
     while last and not cells[last - 1]:
         last -= 1
@@ -215,7 +215,7 @@ def _numbers(
 
 @dataclass(frozen=True)
 class _Header:
-    """What a segment's header says of channel number `channel`, from 0."""
+    """A segment's header for channel number `channel`, from 0."""
 
     fields: Mapping[str, Sequence[str]]
     channel: int
@@ -235,7 +235,7 @@ class _Header:
         return value
 
     def start(self) -> int | None:
-        """When the channel begins, in ns since the year 1; None where date or time are missing."""
+        """The channel's start, in ns since the year 1; None where date or time are missing."""
         clock = _CLOCK.fullmatch(self.text("Time"))
         try:
             day = datetime.strptime(self.text("Date").replace("-", "/"), "%Y/%m/%d")

@@ -270,7 +270,7 @@ class Mapping:
         )
 
     def _settings(self) -> dict[str, Any]:
-        """What the mapping says, by name."""
+        """The mapping's settings by name."""
         known = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in known.items() if value not in (None, "", (), {})}
 

@@ -173,7 +173,7 @@ def _foreign(found: Sequence[Variable], path: Path) -> Recording:
 
 
 def _objects(path: Path, names: Sequence[str]) -> Objects:
-    """What is in the objects of a file, which are read only where there are some."""
+    """The content of a file's objects, which are read only where there are some."""
     return objects(path, names) if names and matfile.has_objects(path) else Objects()
 
 

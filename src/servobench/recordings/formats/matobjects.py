@@ -44,7 +44,7 @@ Held: TypeAlias = Series | Column | StreamedSignal | UnreadSignal
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Objects:
-    """What the objects in a file hold: channels with times of their own (`series`), columns without, and `findings` on them."""
+    """The content of a file's objects: channels with times of their own (`series`), columns without, and `findings` on them."""
 
     series: tuple[Series, ...] = ()
     columns: tuple[Column, ...] = ()

@@ -21,7 +21,7 @@ Decoder: TypeAlias = Callable[[bytes], Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """What messages of a channel are: their topic's `name`, that of their `schema`, their decoder, or `why_not`."""
+    """A channel of messages: its topic's `name`, that of their `schema`, their decoder, or `why_not`."""
 
     name: str
     schema: str
@@ -40,7 +40,7 @@ class Message:
 
 @dataclass(kw_only=True)
 class Reading:
-    """What is known of a file while it is read; its `topics` and `schemas`, by number.
+    """The state of reading a file; its `topics` and `schemas`, by number.
 
     `damage` says why it couldn't be read to its end, `lost` counts lost chunks.
     """

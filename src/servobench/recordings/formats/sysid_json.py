@@ -93,7 +93,7 @@ class SysIdJson:
 
 
 def _about_units(content: dict[str, Any], name: str) -> list[Finding]:
-    """What is to be known of the unit that the file names beside its rows."""
+    """Findings on the unit that the file names beside its rows."""
     units, factor = content.get("units", "Rotations"), content.get("unitsPerRotation", 1.0)
     if not isinstance(units, str) or not isinstance(factor, int | float) or isinstance(factor, bool):
         raise FormatError(
@@ -106,7 +106,7 @@ def _about_units(content: dict[str, Any], name: str) -> list[Finding]:
 
 
 def _travel_per_rev(content: dict[str, Any]) -> str | None:
-    """What a rotation moves, as the file's user thinks of it; None for an angle."""
+    """The travel of a rotation in the unit of the file's user; None for an angle."""
     symbol, factor = str(content.get("units", "")).lower(), float(content.get("unitsPerRotation", 1.0))
     if not is_unit(symbol) or unit(symbol).si != "m" or not 0 < factor < math.inf:
         return None
@@ -220,7 +220,7 @@ def _first_row_finding(voltages: Array) -> Finding:
 
 
 def _about_values(values: Array, channels: Sequence[Channel]) -> list[Finding]:
-    """What is to be known of voltages, velocities and positions."""
+    """Findings on voltages, velocities and positions."""
     findings = []
     sentence = (
         "SysId's logger records the voltage and then sets the next one, so a row's voltage acted until its time: it is read as "

@@ -225,7 +225,7 @@ def _seconds(stamps: Any, zero: int) -> Array:
 
 
 def _about_whole_numbers(columns: Sequence[Column], channels: Sequence[Any]) -> list[Finding]:
-    """What is to be known of whole numbers that a float can't tell from the next."""
+    """Findings on whole numbers that a float can't tell from the next."""
     whole = {
         heading(each.name).name
         for each in channels

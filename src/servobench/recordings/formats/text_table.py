@@ -51,7 +51,7 @@ _UNIT_SEPARATOR = "\x1f"  # of ASCII; stands between cells that had quotes
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """How the rows of a table are written: the separator (one of `SEPARATORS`, or another character) and the decimal mark.
+    """A table's notation: the separator (one of `SEPARATORS`, or another character) and the decimal mark.
 
     `columns` is the number of cells in a row; `trailing` separators follow the last of them.
     """
@@ -430,7 +430,7 @@ def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[Heading, ..
 
 
 def _about_unused(unused: Sequence[_Names], layout: Layout, has_header: bool) -> list[Finding]:
-    """What is to be known of the rows above the numbers that aren't their header."""
+    """Findings on the rows above the numbers that aren't their header."""
     findings = []
     if unused and not has_header and len(unused[-1].cells) > 1:
         *unused, last = unused
@@ -446,7 +446,7 @@ def _about_unused(unused: Sequence[_Names], layout: Layout, has_header: bool) ->
 
 
 def _about_lines(lines: _Lines, start: int, used: frozenset[int]) -> list[Finding]:
-    """What is to be known of blank rows between the numbers, and of comments."""
+    """Findings on blank rows between the numbers, and on comments."""
     findings = []
     first, last = int(lines.rows[start]), int(lines.rows[-1])
     blank = lines.blank[(lines.blank > first) & (lines.blank < last)]
@@ -466,7 +466,7 @@ def _finding(
 
 @dataclass(kw_only=True)
 class Faults:
-    """What is wrong with the rows of a table, counted from 0: rows to leave out, and cells by column; the kinds by code.
+    """The faults in the rows of a table, counted from 0: rows to leave out, and cells by column; the kinds by code.
 
     `remarks` are rows with a comment behind their numbers, `texts` and `examples` what stands by column where a number should.
     """

@@ -64,7 +64,7 @@ def _parse(cell: str) -> tuple[int, float, bool] | None:
 
 
 def _offset(zone: str) -> int:
-    """What a zone is ahead of universal time [s]."""
+    """A zone's offset from universal time, positive to the east [s]."""
     if zone in {"", "Z", "z"}:
         return 0
     hours, minutes = int(zone[1:3]), int(zone[-2:])

@@ -208,7 +208,7 @@ def _about_file(log: Log, skipped: Sequence[str]) -> list[Finding]:
 
 
 def _about_channels(channels: Sequence[_Channel]) -> list[Finding]:
-    """What is to be known of the channels' values and times, with one finding for all that have the same."""
+    """Findings on the channels' values and times, one for several channels with the same."""
     sentences = {
         "time-sorted": (
             [f"{each.name} ({each.back})" for each in channels if each.back],

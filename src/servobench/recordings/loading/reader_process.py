@@ -38,7 +38,7 @@ _ONE_THREAD = {
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What reading one file may cost."""
+    """The memory and time that reading one file may take."""
 
     memory: int
     """Of the child process [bytes]."""
@@ -134,7 +134,7 @@ class ReaderProcess:
         return self._process
 
     def _last_words(self, limits: Limits) -> str:
-        """Why a child ended that wasn't ended by the watch."""
+        """The reason why a child ended by itself."""
         process, errors = cast("subprocess.Popen[bytes]", self._process), cast("IO[bytes]", self._errors)
         status = process.wait()
         if hasattr(signal, "SIGXCPU") and status == -signal.SIGXCPU:
@@ -147,7 +147,7 @@ class ReaderProcess:
 
 
 def _reply(process: subprocess.Popen[bytes], format: str, file: Path, limits: Limits) -> dict[str, Any]:
-    """What the child says of a file, before any samples; raises `EOFError` where it dies, `FormatError` for too much."""
+    """The child's reply on a file, before any samples; raises `EOFError` where it dies, `FormatError` for too much."""
     asked = {
         "format": format,
         "path": str(file.absolute()),

@@ -146,7 +146,7 @@ class Chain:
 
     @property
     def takes(self) -> Kind | None:
-        """What the chain has to be fed: a position where it differentiates or unwraps; None where a speed will do as well."""
+        """The chain's input: a position where it differentiates or unwraps; None where a speed will do as well."""
         speed, position = self._passes("speed"), self._passes("position")
         if speed and position:
             return None

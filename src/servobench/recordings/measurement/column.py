@@ -33,7 +33,7 @@ class Column:
 
     @property
     def quantity(self) -> str:
-        """What the unit measures."""
+        """The quantity that the unit measures."""
         return unit_named(self.unit).quantity
 
     def times(self, factor: float, unit: str) -> Column:

@@ -103,7 +103,7 @@ class Dataset:
 
     @cached_property
     def digest(self) -> bytes:
-        """What tells the samples of input and output from those of any other run, whatever the record is called."""
+        """A hash of the samples of input and output, the same for the same run under another name."""
         return hashlib.sha256(self.u.tobytes() + self.y.tobytes()).digest()
 
     @property
@@ -118,12 +118,12 @@ class Dataset:
 
     @property
     def shaft_kind(self) -> Kind:
-        """What of the shaft enters the chain: its position where the chain differentiates, otherwise the `kind` of y."""
+        """The shaft's quantity that enters the chain: its position where the chain differentiates, otherwise the `kind` of y."""
         return self.chain.linear.takes or self.kind
 
     @property
     def valid(self) -> Mask:
-        """Which samples of y (M,) don't look back before the first one; the others carry no weight."""
+        """A mask (M,) of the samples of y that don't look back before the first one; the others carry no weight."""
         return self.chain.linear.valid(self.t_output)
 
     @property
@@ -134,7 +134,7 @@ class Dataset:
 
     @property
     def start_responses(self) -> Array:
-        """What each unknown start state adds to y, per unit of it, as columns (M, S)."""
+        """The responses of y to each unknown start state, per unit of it, as columns (M, S)."""
         running, fresh = self._running_and_fresh
         return fresh(running.start_responses(self.t_output), self.t_output)
 
@@ -194,7 +194,7 @@ class Dataset:
 
     @cached_property
     def first_motion(self) -> FirstMotion | None:
-        """How the record begins; None where the input changes at once, or the output doesn't stand until it does."""
+        """The record's first motion; None where the input changes at once, or the output doesn't stand until it does."""
         return first_motion(self)
 
     def part(self, start: float, end: float) -> Dataset:
@@ -238,5 +238,5 @@ class Dataset:
         )
 
     def _hold_indices(self, t: Array) -> NDArray[np.int64]:
-        """Which value of the input held at times t (K,)."""
+        """The indices of the input's values that held at times t (K,)."""
         return np.maximum(np.searchsorted(self.t_input, t, side="right") - 1, 0)

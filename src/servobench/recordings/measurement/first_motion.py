@@ -28,7 +28,7 @@ _ROUGH = 1.4826 / np.sqrt(
 
 
 class Record(Protocol):
-    """What of a `Dataset` says how it begins."""
+    """The part of a `Dataset` from which its first motion is found."""
 
     @property
     def t_input(self) -> Array:
@@ -63,7 +63,7 @@ class Record(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class FirstMotion:
-    """How a record begins: the input first changes at `cause` [s], the output first leaves its course by `effect` [s].
+    """A record's first motion: the input first changes at `cause` [s], the output first leaves its course by `effect` [s].
 
     `samples` of the output come before the cause, and all stay within `within` (the output's unit) of each other.
     """

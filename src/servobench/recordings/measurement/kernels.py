@@ -124,7 +124,7 @@ def line_slope(x: Array, t: Array, window: float) -> Array:
 
 @compiled
 def _before_window(t: Array, k: int, oldest: int, window: float) -> tuple[float, float]:
-    """How much of the oldest interval lies before the window that ends at sample k, and the time from there to sample k."""
+    """The part of the oldest interval before the window that ends at sample k, and the time from there to sample k."""
     reach = t[k] - t[oldest]
     return (reach - window, window) if reach > window else (0.0, reach)
 

@@ -188,7 +188,7 @@ def _check_chains(recording: Recording, column: Column, kind: Kind, declared: Ch
 
 
 def _all_yields(chain: Chain) -> set[Kind]:
-    """What can come out of a chain."""
+    """The kinds of output that a chain can have."""
     kinds: tuple[Kind, ...] = get_args(Kind) if chain.takes is None else (chain.takes,)
     return {chain.yields(kind) for kind in kinds}
 
@@ -281,7 +281,7 @@ def _without_conversions(chain: Chain) -> Chain:
 
 
 def _findings(column: Column, declared: Chain, applied: Chain) -> list[Finding]:
-    """What the chains do that their writer may not have meant."""
+    """Findings on effects of the chains that their writer may not have intended."""
     bare = [s for s in applied.stages if isinstance(s, Scale) and s.unit is None and column.unit == "counts"]
     sample_time = float(np.median(np.diff(column.t)))
     short = [s for s in declared.stages if isinstance(s, Tachometer) and s.window < 0.5 * sample_time]

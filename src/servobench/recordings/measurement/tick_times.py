@@ -74,7 +74,7 @@ def _to_device_time(recording: Recording, name: str, t: Array) -> Array | None:
 
 
 def _device_hold_times(recording: Recording, t: Array) -> Array | None:
-    """When each voltage began to hold (N,) [s], by a device that keeps the time and says so; None where it doesn't."""
+    """The times (N,) [s] at which each voltage began to hold, by a device that keeps the time and reports it; None otherwise."""
     handed = _to_device_time(recording, "handed", t)
     held_since, put = _at(recording, "held_since", t), _at(recording, "applied", t)
     if handed is None or held_since is None or put is None:

@@ -22,7 +22,7 @@ _MOST_WRAPS = 2.0**53
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Unwrapped:
-    """What the inverse modulus finds in N samples, arrays along the first axis.
+    """The result of the inverse modulus for N samples, arrays along the first axis.
 
     `count` is the value without wraps, `delta` its change since the sample before (0 for the first), `wrap` the signed number of
     wraps in that step, up is positive, and `ambiguous` says where the step is half the modulus, so that it may as well have

@@ -46,7 +46,7 @@ class Group:
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """Which channel is the input, the output, the reference; `input_before` and `chain` are those of `Recording`."""
+    """The names of input, output and reference; `input_before` and `chain` are those of `Recording`."""
 
     input: str | None = None
     output: str | None = None
@@ -57,7 +57,7 @@ class Roles:
 
 @dataclass(frozen=True, kw_only=True)
 class Opening:
-    """What is known before the first sample: the fields of `Recording`, and how its samples are stored.
+    """A recording's description before the first sample: the fields of `Recording`, and how its samples are stored.
 
     Of the recording its `name`, `channels`, `source`, `info` of the device, text of the `experiment`, `findings` and `versions`;
     `roles` are those of its channels. `groups` are those of channels that share their times.
@@ -79,7 +79,7 @@ class Opening:
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """What is known after the last sample: why the recording `stopped`, all findings, the rows of each group and the events."""
+    """A recording's end: why it `stopped`, all findings, the rows of each group and the events."""
 
     stopped: Stopped
     findings: tuple[Finding, ...]

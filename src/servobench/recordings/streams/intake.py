@@ -88,7 +88,7 @@ class Intake:
 
     @property
     def order(self) -> RowOrder | None:
-        """What became of the rows so far; None before the first are known."""
+        """The order of the rows so far; None before the first are known."""
         return self._order
 
     @property

@@ -95,6 +95,6 @@ class HostClock:
         return (self._waiting.now() - self._origin) / 1e9
 
     def _due(self, index: int) -> int:
-        """When a tick is due, in the time of the system [ns], to the nearest."""
+        """The time at which a tick is due, in the time of the system [ns], to the nearest."""
         span = (2 * index * self._nanoseconds + self._ticks) // (2 * self._ticks)
         return self._origin + self._lost + span

@@ -42,7 +42,7 @@ class Waiting(Protocol):
 
 
 class Spin:
-    """How long before a deadline a sleep ends: as long as 997 of 1,000 wake-ups are late, at most.
+    """The time before a deadline at which a sleep ends: the lateness that 997 of 1,000 wake-ups keep within.
 
     That quantile q is followed by stochastic approximation (Robbins and Monro 1951): a wake-up later than q moves it up by 0.997
     steps, any other down by 0.003 steps, so that it comes to rest where three of a thousand are later. With 99 of 100 the 99th

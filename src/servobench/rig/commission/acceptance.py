@@ -31,7 +31,7 @@ class Checked:
 
 @dataclass(frozen=True, kw_only=True)
 class Signature:
-    """Who signs the acceptance off, and on which day (ISO 8601)."""
+    """The name that signs the acceptance off, and the day (ISO 8601)."""
 
     name: str
     """The name as it was given."""
@@ -41,7 +41,7 @@ class Signature:
 
 @dataclass(frozen=True, kw_only=True)
 class Acceptance:
-    """What commissioning found: the device, the outcome of each check, when (ISO 8601, UTC), and why it ended early.
+    """The outcome of commissioning: the device, each check's outcome, when (ISO 8601, UTC), and why it ended early.
 
     `device` are the device's settings as they were given, `ended` is empty where all checks had their turn.
     """
@@ -66,7 +66,7 @@ class Acceptance:
 
     @property
     def counts(self) -> dict[State, int]:
-        """How many checks came out in each state."""
+        """The number of checks in each state."""
         return {state: sum(each.outcome.state == state for each in self.checks) for state in STATES}
 
     @property

@@ -148,7 +148,7 @@ class Bench:
 
     @property
     def speed_unit(self) -> tuple[float, str]:
-        """What a speed in counts/s is divided by, and its unit then: rad/s where the counts of a turn are known."""
+        """The divisor of a speed in counts/s, and its unit then: rad/s where the counts of a turn are known."""
         channel = self.info.channel("counts")
         per_rev = channel.counts_per_rev if channel else None
         return (per_rev / 6.283185307179586, "rad/s") if per_rev else (1.0, "counts/s")
@@ -219,7 +219,7 @@ class Bench:
 
     @property
     def tail(self) -> float:
-        """How long zero volts follow a run's last voltage [s]: what the shaft needs to come to rest, with plenty to spare."""
+        """The time at zero volts after a run's last voltage [s]: what the shaft needs to come to rest, with plenty to spare."""
         return min(max(TAIL, 4 * self.value_of("rest_time", 0.0) + 2 * REST), LONGEST_TAIL)
 
     @property

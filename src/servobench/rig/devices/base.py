@@ -116,7 +116,7 @@ class SelfStopping(Protocol):
 
     @property
     def own_watchdog(self) -> float | None:
-        """How long it waits for a voltage [s]; None if it waits without end."""
+        """The time for which it waits for a voltage [s]; None if it waits without end."""
         ...
 
 

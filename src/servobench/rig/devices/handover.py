@@ -54,7 +54,7 @@ _NEVER = (
 
 
 class Handover:
-    """What goes into a block and comes out of it: the numbers `p` (NUMBERS,) and the state `s`.
+    """The input and output of a block: the numbers `p` (NUMBERS,) and the state `s`.
 
     A limit that nobody writes is never reached.
     Of the twin besides: its solver's `coefficients`, the voltages that are `coming` (N, 2), each with the time [s] from which it
@@ -76,7 +76,7 @@ class Handover:
 
 @runtime_checkable
 class Handing(Protocol):
-    """What can take part in a block of ticks."""
+    """A part that can take part in a block of ticks."""
 
     def hand_over(self, to: Handover) -> None:
         """Write limits and state."""

@@ -48,7 +48,7 @@ _MODELS = {
 
 
 class QuanserSettings(Settings):
-    """Which board it is, and how it is used."""
+    """The board, and its use."""
 
     board: Literal["qube_servo", "qube_servo_2", "qube_servo_3"] = "qube_servo_2"
     """Its generation."""

@@ -21,7 +21,7 @@ SAME_SAMPLE_TIME = 0.01  # relative; clocks of different makers agree far better
 
 
 class ReplaySettings(Settings):
-    """Which recording is played."""
+    """The recording that is played."""
 
     file: Path
     """A native file (.mcap); other files have to be converted first."""

@@ -54,7 +54,7 @@ LATE = ("watchdog", "table_empty")  # faults by which a board ends the run of a 
 
 
 class RigSettings(Settings):
-    """Where the board is, and what is connected to it."""
+    """The board's port, and what is connected to it."""
 
     port: Annotated[str, Field(min_length=1)]
     """Name of the serial port, such as /dev/ttyUSB0 or COM3."""

@@ -57,7 +57,7 @@ Seed: TypeAlias = Annotated[Annotated[int, Field(ge=0, strict=True)] | None, non
 
 
 class DeviceChoice(Settings):
-    """Which device, and its settings as they stand in the file; the device's own settings model checks them."""
+    """The device, and its settings as they stand in the file; the device's own settings model checks them."""
 
     name: Annotated[str, Field(min_length=1), AfterValidator(_writable)] = "twin"
     """Name of the device."""

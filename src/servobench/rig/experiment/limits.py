@@ -48,7 +48,7 @@ class Outputs(Settings):
 
 
 class Watchdog(Outputs):
-    """When a device that is no longer driven is cut off, and its output then."""
+    """The cut-off of a device that is no longer driven: after which time, and its output then."""
 
     timeout: Annotated[Time, Field(ge=0.02, le=LONGEST_TIMEOUT)] = 0.1
     """Longest time from one fresh actuation to the next: a voltage written after a new sample; 20 ms to 500 ms [s]."""
@@ -71,7 +71,7 @@ class Watchdog(Outputs):
 
 
 class StallLimits(Settings):
-    """When a shaft counts as stalled, with the semantics and numbers of Quanser's amplifiers: 5 V and 3 s."""
+    """The limits of a stall, with the semantics and numbers of Quanser's amplifiers: 5 V and 3 s."""
 
     voltage: PositiveVoltage = 5.0
     """Control threshold: it can be stalled where the voltage is larger than this, in either direction [V]."""
@@ -142,7 +142,7 @@ class Limits(Settings):
     terminate: Outputs = Outputs()
     """The voltage while a fault is latched, and the last one before the device is stopped."""
     watchdog: Watchdog = Watchdog()
-    """When a device that is no longer driven is cut off, and its output then."""
+    """The cut-off of a device that is no longer driven: after which time, and its output then."""
     driven_light: Light = "green"
     """Light while voltages are written."""
     fault_light: Light = "red"

@@ -34,7 +34,7 @@ class OpenLoop(Settings):
 
     @property
     def symbol(self) -> tuple[str, ...]:
-        """What the reference is multiplied by, for a diagram."""
+        """The factor of the reference, for a diagram."""
         return ("1",)
 
     def start(self, sample_time: float, info: DeviceInfo) -> None:

@@ -15,7 +15,7 @@ FADE_TIME = 0.5  # s
 
 
 class PiState(NamedTuple):
-    """What the law knows of the run, and what it remembers."""
+    """The law's constants of the run, and its memory."""
 
     sample_time: float
     """Time between two samples [s]."""

@@ -49,7 +49,7 @@ def advance(state: Running, reference: float, sample: Sample) -> tuple[Running, 
 
 
 class Shaft(NamedTuple):
-    """What a law has to know of the device: `scale` [rad] of a count, and the voltage's limits.
+    """A device as a law sees it: `scale` [rad] of a count, and the voltage's limits.
 
     `modulus` is the counter's range [counts], 0 where it doesn't wrap; `lowest` and `highest` are the limits [V].
     """

@@ -133,7 +133,7 @@ class MotorKalman:
 
     @property
     def _model(self) -> tuple[Array, Array]:
-        """How position and speed go on through a sample, and what a volt adds to them."""
+        """The transition of position and speed over a sample, and the effect of a volt on them."""
         kept = math.exp(-self.sample_time / self.time_constant)
         moved = self.time_constant * (1 - kept)
         advance = np.array([[1.0, moved], [0.0, kept]])

@@ -23,7 +23,7 @@ _ROUNDING = 8 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True, eq=False)
 class Periods:
-    """Where times lie in a periodic signal.
+    """The position of times in a periodic signal.
 
     `whole` (N,) periods have been completed, `fraction` (N,) in [0, 1) of the next one; `started` (N,) is False before the start.
     `margin` (N,) is by how much rounding may have moved the fraction.

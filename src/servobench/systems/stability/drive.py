@@ -40,11 +40,6 @@ class Drive:
     rate: float
     coefficient: float
 
-    def envelope(self, t: Array) -> Array:
-        """Return what the size of the output grows like at times t (N,) [s] after the input began, for an input of size 1."""
-        later = np.maximum(t - self.system.delay, 0.0)
-        return np.asarray(self.coefficient * later**self.power * np.exp(self.rate * later), dtype=np.float64)
-
     def simulate(self, t: Array) -> Array:
         """Return the output (N,) at times t [s], from rest, computed from the system itself and not from its poles."""
         omega = abs(self.pole.imag) if self.rate == 0 else 0.0
@@ -52,7 +47,7 @@ class Drive:
 
     @property
     def sentence(self) -> str:
-        """What to put in, and what comes out, in words."""
+        """The input, and the output that it leads to, in words."""
         sinusoid = self.rate == 0 and self.pole.imag != 0
         what = f"A sinusoid of {plain(abs(self.pole.imag))} rad/s" if sinusoid else "A constant"
         how = "in proportion to " + {1: "time", 2: "the square of time"}.get(

@@ -55,7 +55,7 @@ def stable_gains(loop: TransferFunction) -> tuple[tuple[float, float], ...]:
 
 
 def _rational(n: Array, d: Array) -> tuple[tuple[float, float], ...]:
-    """Where N(jω) D(-jω) is real, which it is at finitely many ω; between the gains of these, one tried decides."""
+    """The gains at the finitely many ω at which N(jω) D(-jω) is real; between these gains, one tried decides."""
     odd = np.convolve(n, mirror(d))[::-1][1::2][::-1]
     squares = positive_roots(mirror(odd)) if len(odd) else np.empty(0)
     limits = {0.0, math.inf}
@@ -145,7 +145,7 @@ def _edges(loop: TransferFunction, n: Array, d: Array) -> list[float]:
 
 
 def _crossings(phase: Phase, low: float, high: float) -> Iterator[tuple[float, bool]]:
-    """Where the phase is an odd multiple of π between two edges [rad/s], and whether it falls there."""
+    """The frequencies of a phase of an odd multiple of π between two edges [rad/s], and whether it falls there."""
     # A jump at an edge is no part of what is between the edges.
     start, end = math.nextafter(low, math.inf), math.nextafter(high, 0.0)
     first, last = _turns(phase, start), _turns(phase, end)
@@ -168,7 +168,7 @@ def _crossings(phase: Phase, low: float, high: float) -> Iterator[tuple[float, b
 
 
 def _crossings_beyond(phase: Phase, low: float, delay: float, roots: int) -> Iterator[float]:
-    """Where the phase is an odd multiple of π beyond the last edge [rad/s], from where on it falls without end."""
+    """The frequencies of a phase of an odd multiple of π beyond the last edge [rad/s], from where on it falls without end."""
     start = math.nextafter(low, math.inf)
     first = _turns(phase, start)
     turn = math.floor(first) - (1 if low == 0 and first == round(first) else 0)

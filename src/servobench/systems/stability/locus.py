@@ -89,7 +89,7 @@ def _gains(n: Array, d: Array) -> Array:
 
 
 def _meetings(n: Array, d: Array) -> tuple[tuple[float, float], ...]:
-    """Where two branches meet on the real axis: k = -D/N has an extremum there, and is above zero."""
+    """The points at which two branches meet on the real axis: k = -D/N has an extremum there, and is above zero."""
     extremum: Array = np.polysub(np.polymul(np.polyder(d), n), np.polymul(d, np.polyder(n)))
     found = []
     for root in np.roots(extremum):

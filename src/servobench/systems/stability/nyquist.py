@@ -185,7 +185,7 @@ def _phase_growth(loop: TransferFunction, end: float) -> float | None:
 
 
 def _slow_pole(loop: TransferFunction) -> float:
-    """How far from zero [1/s] the poles are that a small gain takes out of the open loop's integrators; 0 where it has none.
+    """The distance from zero [1/s] to which a small gain moves the open loop's integrators; 0 where it has none.
 
     Of D + N next to s = 0 with m integrators there is left  d s^m + n s^l,  l zeros at 0: |s| = |n/d|^(1/(m - l)).
     """

@@ -46,11 +46,6 @@ class RouthTable:
     factor: tuple[int, int] | None = None
 
     @property
-    def first_column(self) -> tuple[float, ...]:
-        """The first elements, whose changes of sign are counted."""
-        return tuple(row.elements[0] for row in self.rows)
-
-    @property
     def stable(self) -> bool:
         """Whether all roots are in the left half-plane."""
         return self.right == 0 and self.on_axis == 0

@@ -73,7 +73,7 @@ def _between(low: float, high: float) -> float:
 
 
 def _outside(loop: SampledLoop, factor: float) -> tuple[int, StabilityVerdict]:
-    """How many poles of the closed loop are outside the unit circle, and what that means."""
+    """The number of the closed loop's poles outside the unit circle, and the verdict that follows."""
     beyond = np.abs(loop.closed_poles(factor)) - 1
     count = int((beyond > _ON_THE_CIRCLE).sum())
     if count:

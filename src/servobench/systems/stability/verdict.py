@@ -112,7 +112,7 @@ def _reason(pole: Pole, left: int) -> str:
 
 
 def _cancellation_text(count: int, left: int) -> str:
-    """What zeros leave to be seen of a pole, in a sentence; nothing where they take nothing of it."""
+    """A sentence on a pole that zeros cancel, wholly or in part; empty where they don't."""
     if left >= count:
         return ""
     if left > 0:

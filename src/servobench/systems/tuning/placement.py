@@ -39,7 +39,7 @@ class Pole:
 
     @property
     def off(self) -> float:
-        """How far the one is from the other, as a part of its distance from zero."""
+        """The distance of one from the other, as a part of its distance from zero."""
         return abs(self.obtained - self.wished) / abs(self.wished)
 
 

@@ -74,7 +74,7 @@ class _PolePlacement:
 
 
 def _wrong_sign(motor: FirstOrderMotor, wish: Wish, poles: Sequence[complex], cutoff: float) -> str:
-    """Why the speed's gain would have the wrong sign."""
+    """The reason why the speed's gain would have the wrong sign."""
     own = 1 / motor.time_constant.value
     if -sum(poles).real > own:
         return f"no gains of the right sign put them there with a filter at {cutoff:.3g} rad/s and the delay"

@@ -50,7 +50,7 @@ class Response:
         return float(np.abs(self.voltage).max())
 
     def _reaches(self, part: float) -> float:
-        """When the output first reaches a part of the step, on a straight line between two ticks [s]; NaN where it never does."""
+        """The time at which the output first reaches a part of the step, on a line between two ticks [s]; NaN where never."""
         reached = np.flatnonzero(self.output >= part)
         if not len(reached) or not reached[0]:
             return math.nan

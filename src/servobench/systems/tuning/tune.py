@@ -143,7 +143,7 @@ def _quantities(finder: Method, wish: Wish, poles: tuple[Pole, ...]) -> dict[str
 
 
 def _beyond_the_ticks(finder: Method, wish: Wish) -> str:
-    """Why poles are too fast to be those of a loop with ticks, in a clause, or nothing."""
+    """The reason why poles are too fast for a loop with ticks, as a clause, or nothing."""
     fastest = max(map(abs, finder.poles(wish)))
     if fastest * wish.sample_time <= _FASTEST_POLE * (1.0 + 1e-9):
         return ""
@@ -154,7 +154,7 @@ def _beyond_the_ticks(finder: Method, wish: Wish) -> str:
 
 
 def _off(controller: Tunable, wish: Wish, poles: tuple[Pole, ...]) -> str:
-    """Why the poles aren't the specified ones, in a clause, or nothing."""
+    """The reason why the poles aren't the specified ones, as a clause, or nothing."""
     worst = max(poles, key=lambda pole: pole.off)
     if worst.off <= MOST_OFF:
         return ""
@@ -175,7 +175,10 @@ def _too_fast(
     wish: Wish,
     margins: Mapping[str, LoopValue] | Mapping[str, float],
 ) -> str:
-    """Why a controller is too fast for delay and sample time, in a clause, or nothing. The worse end of an interval counts."""
+    """The reason why a controller is too fast for delay and sample time, as a clause, or nothing.
+
+    The worse end of an interval counts.
+    """
     low = {name: each.interval[0] if isinstance(each, LoopValue) else each for name, each in margins.items()}
     high = {name: each.interval[1] if isinstance(each, LoopValue) else each for name, each in margins.items()}
     crossover = high["gain_crossover"]
@@ -204,7 +207,7 @@ def _too_fast(
 
 
 def _too_high(controller: Tunable, wish: Wish, peak: float) -> str:
-    """Why a step asks for more voltage than there is, in a clause, or nothing. `peak` [V] is what a unit of it takes."""
+    """The reason why a step needs more voltage than there is, as a clause, or nothing. `peak` [V] is what a unit of it takes."""
     if wish.step is None or peak * abs(wish.step) <= wish.voltage_limit:
         return ""
     return (
@@ -214,7 +217,7 @@ def _too_high(controller: Tunable, wish: Wish, peak: float) -> str:
 
 
 def _nearest(finder: Method, motor: FirstOrderMotor, wish: Wish) -> str:
-    """What the nearest loop is that can be had by a slower or a faster wish, to a twentieth; empty where there is none."""
+    """The nearest loop that a slower or a faster wish leads to, to a twentieth; empty where there is none."""
     for n in range(1, math.ceil(math.log(_FARTHEST) / math.log(_STEP))):
         for factor, word in ((_STEP**n, "fastest"), (_STEP**-n, "slowest")):
             if _is_feasible(finder, motor, wish.slower(factor)):

@@ -36,7 +36,7 @@ def lines(session: Session, *, spin: bool) -> tuple[int, list[str]]:
     return status, "".join(written).splitlines()
 
 
-@pytest.mark.parametrize("firmware", ["rig-500000", "rig-115200"])
+@pytest.mark.parametrize("firmware", ["rig-500000", pytest.param("rig-115200", marks=pytest.mark.long)])
 def test_the_firmware_passes_all_of_it_in_simavr(firmware: str) -> None:
     needed()
     port = LockStepPort(firmware)

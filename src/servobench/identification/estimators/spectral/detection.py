@@ -34,13 +34,6 @@ class DetectionLines:
             return float("nan")
         return float(np.sqrt(max(np.mean(self.amplitude[which] ** 2 - self.noise[which] ** 2), 0.0)))
 
-    def significance(self, *, odd: bool) -> float:
-        """Return the mean power at odd or at even harmonics over the noise's: 1 ± 1/√L for a linear motor; NaN without any."""
-        which = self.odd == odd
-        return (
-            float(np.mean((self.amplitude[which] / self.noise[which]) ** 2)) if which.any() else float("nan")
-        )
-
 
 def detection_lines(found: Sequence[Local]) -> DetectionLines | None:
     """Return the detection lines of all stretches that repeat, ascending; None where there are none."""

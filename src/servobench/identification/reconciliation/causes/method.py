@@ -17,7 +17,7 @@ from servobench.identification.reconciliation.reenactment import BY_HAND, SPOKEN
 
 @dataclass(frozen=True)
 class Method:
-    """What the other methods make of the same data; each as probable as the next. A size is the number of a reading."""
+    """The readings of the other methods from the same data, each as probable as the next. A size is the number of a reading."""
 
     label: str = "method"
     law: str = "Other methods give other values from the same data."

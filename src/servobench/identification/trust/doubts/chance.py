@@ -87,7 +87,7 @@ def _misfit(records: list[Dataset], inputs: list[Array]) -> float:
 
 
 def _misfit_behind_lag(y: Array, u: Array, lag: float, kind: str) -> float:
-    """What a motor with a time constant of `lag` samples leaves of the output's variation."""
+    """The share of the output's variation that a motor with a time constant of `lag` samples leaves."""
     decay = np.exp(-1.0 / lag)
     steps = np.arange(len(y))
     follows = first_order_recursion(np.full(len(u), decay), ((1.0 - decay) * u)[:, None])[:, 0]

@@ -50,7 +50,7 @@ def _alike(u: Array, y: Array) -> bool:
 
 
 def _bend(x: Array, t: Array) -> Array:
-    """What x (N,) is beside a straight line in t (N,): a motor follows a ramp as a line, a little later. Zero for a line."""
+    """The departure of x (N,) from a straight line in t (N,), zero for a line: a motor follows a ramp as a line, later."""
     rest = x - np.polyval(np.polyfit(t - t[0], x, 1), t - t[0])
     return np.asarray(np.where(np.abs(rest).max() > _BENT * np.ptp(x), rest, 0.0))
 

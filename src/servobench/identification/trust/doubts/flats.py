@@ -111,7 +111,7 @@ def _flats(data: Dataset, quantum: float) -> list[_Flat]:
 
 
 def _usual_pace(y: Array) -> float:
-    """How far the output goes in a sample while it goes: the median over windows of 20 samples in which it moves at all."""
+    """The travel of the output in a sample while it moves: the median over windows of 20 samples in which it moves at all."""
     steps = np.abs(y[20:] - y[:-20]) / 20
     steps = steps[steps > 0]
     return float(np.median(steps)) if len(steps) else 0.0
@@ -171,7 +171,7 @@ def _pile_up(data: Dataset, quantum: float) -> list[Finding]:
 
 
 def _commonest_within(y: Array) -> int:
-    """How many samples have the commonest value that is neither an end of the range nor zero."""
+    """The number of samples with the commonest value that is neither an end of the range nor zero."""
     values, counts = np.unique(y, return_counts=True)
     within = counts[1:-1][values[1:-1] != 0]
     return int(within.max(initial=0))

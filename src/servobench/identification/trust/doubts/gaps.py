@@ -72,7 +72,7 @@ def _may_have_changed(u: Array, k: int, rows: int) -> bool:
 
 
 def _scatter_finding(data: Dataset) -> list[Finding]:
-    """How the times scatter, where the file's reader hasn't told already."""
+    """A finding on scattered times, where the file's reader has none."""
     steps = np.diff(data.t_output)
     if len(steps) < 10 or any(finding.code == "time-uneven" for finding in data.findings):
         return []

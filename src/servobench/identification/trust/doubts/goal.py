@@ -13,7 +13,7 @@ _OF_A_SHAFT = frozenset({"rad", "rad/s", "m", "m/s"})
 
 
 def _about(fit: Fit) -> Sequence[Finding]:
-    """What a fit of a plain motor takes for its input; a structure of the loop itself knows what it is."""
+    """A finding on the input of a plain motor's fit; a structure of the loop itself knows what it is."""
     if fit.structure.startswith("position_loop"):
         return ()
     found = [goal_finding(record.data) for record in fit.records]

@@ -61,7 +61,7 @@ def _with_other_kind(data: Dataset) -> Dataset:
 
 
 def _percent_explained(data: Dataset) -> float:
-    """How much of a record a motor explains, in percent."""
+    """The part of a record that a motor explains, in percent."""
     found = [0.0]
     for name in ("first_order_coulomb", "first_order_one_way"):
         try:

@@ -50,7 +50,7 @@ def _swings(data: Dataset, reference: Array) -> list[Finding]:
 
 
 def _turns(reference: Array) -> int:
-    """How often a reference (N,) goes the other way."""
+    """The number of times that a reference (N,) turns round."""
     steps = np.diff(reference)
     return int(np.count_nonzero(np.diff(np.sign(steps[steps != 0])))) + int(np.any(steps != 0))
 

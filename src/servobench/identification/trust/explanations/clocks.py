@@ -87,7 +87,7 @@ def _constant_shift(case: Case) -> CauseFit | None:
 
 
 def _shift_inputs(case: Case, span: float) -> tuple[float, Regression]:
-    """What is left of the misfit with inputs that act earlier by a span, where they are known at both times."""
+    """The misfit with inputs that act earlier by a span, where they are known at both times."""
     known = np.concatenate([(each.t <= each.t[-1] - span)[each.rows] for each in case.motions])
     columns, speed = case.base
     plain = regression(columns[known], speed[known])

@@ -120,7 +120,7 @@ def motion(data: Dataset) -> Motion | None:
 
 
 def _grid_error(data: Dataset, t: Array) -> float:
-    """How far the input's mean between points of the grid lies off its values there, in its standard deviations."""
+    """The distance of the input's mean between points of the grid from its values there, in its standard deviations."""
     spread = float(np.std(data.u))
     edges = np.concatenate([data.t_input, t])
     order = np.argsort(edges, kind="stable")

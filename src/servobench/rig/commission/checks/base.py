@@ -35,7 +35,7 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a check found: its state, what was done, what was expected, what was found, and what to do about it.
+    """A check's outcome: its state, what was done, what was expected, what was found, and what to do about it.
 
     `found` is a sentence, `figures` are what was measured, `remedy` is empty where there is nothing to be done. `learned` is what
     later checks need, in SI units or counts.

@@ -21,7 +21,7 @@ REMEDY = "Close other programs, allow real-time scheduling, use a longer sample 
 
 @CHECKS.member("timing")
 class Timing:
-    """How late the samples of a run at zero volts are, and how many ticks are missing."""
+    """The lateness of the samples of a run at zero volts, and the number of missing ticks."""
 
     title: ClassVar[str] = "Loop timing"
     place: ClassVar[int] = 25

@@ -18,7 +18,7 @@ SMOOTHING = 0.01  # s
 
 
 class Alarm(NamedTuple):
-    """Why the motor must be stopped: a stable code, and a sentence with what was found, what was expected, and what to do."""
+    """A reason to stop the motor: a stable code, and a sentence with what was found, what was expected, and what to do."""
 
     code: str
     sentence: str

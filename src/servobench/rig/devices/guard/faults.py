@@ -22,7 +22,7 @@ NOT_STOPPED = "stop-failed"
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Why a motor was stopped: a stable code, what happened as a sentence, and the run's time of it [s]."""
+    """The reason why a motor was stopped: a stable code, what happened as a sentence, and the run's time of it [s]."""
 
     code: str
     sentence: str

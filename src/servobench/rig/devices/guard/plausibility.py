@@ -71,7 +71,7 @@ class PlausibilityMonitor:
 
     @property
     def limit(self) -> str:
-        """How long the encoder may stand."""
+        """The longest standstill of the encoder."""
         return f"at most {1000 * self._patience:.2g} ms while the voltage turns the motor, from {self._voltage:g} V on"
 
     def check(self, motion: Motion) -> Alarm | None:

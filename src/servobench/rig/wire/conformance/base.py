@@ -33,7 +33,7 @@ class Check:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What came of a check."""
+    """A check's outcome."""
 
     check: Check
     """The check."""
