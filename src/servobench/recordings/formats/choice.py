@@ -11,9 +11,10 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info
-from servobench.core.units import unit
+from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.columns import Heading, heading, quote, time_unit
 from servobench.recordings.formats.roles import (
+    REFERENCE_NAMES,
     VOLTS_BY_CONVENTION,
     ColumnSpec,
     Role,
@@ -89,11 +90,18 @@ def choose(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
     if (scale := full_scale(symbol)) is not None:
         return _duty_of_counts(recording, role, series, scale, findings)
     _check_unit(recording, role, series, symbol)
-    if said not in (None, symbol):
+    if said not in (None, symbol) and not _is_the_same(said, symbol):
         findings.append(
             info("unit-overridden", f"`{name}` is read in {symbol} instead of {said}, as requested.")
         )
     return Choice(series=_in_unit(series, symbol), findings=tuple(findings))
+
+
+def _is_the_same(one: str, other: str) -> bool:
+    """Whether two units are the same under two names, as counts and steps are."""
+    if not (is_unit(one) and is_unit(other)):
+        return False
+    return (unit(one).factor, unit(one).dimension) == (unit(other).factor, unit(other).dimension)
 
 
 def _in_unit(series: Series, symbol: str) -> Series:
@@ -173,6 +181,9 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     )
     sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {columns}"
     if role == "input":
+        followed = [name for name in names if plain_name(name) in REFERENCE_NAMES]
+        if followed:
+            sentence += f". {quote(followed[:1])} is called after what a loop has to follow, which doesn't drive the motor"
         sentence += (
             ". Identification needs an input; name one in another file as FILE#COL, or one value throughout: "
             "`input_value=50:%`"
@@ -191,6 +202,13 @@ def _varies(values: Array) -> bool:
     return bool(len(finite) and (finite != finite[0]).any())
 
 
+# One motor's voltage as it was asked for and as it came; its position as it was asked for and as it is.
+_STAGES = frozenset({
+    "command", "commanded", "cmd", "applied", "measured", "actual", "desired", "target", "reference", "setpoint", "goal",
+    "present", "supply", "rad", "deg", "s", "rpm",
+})  # fmt: skip
+
+
 def sides_of(names: Sequence[str]) -> tuple[str, ...]:
     """Return what tells the motors of several columns apart: `left` and `right` of `left_voltage` and `right_voltage`.
 
@@ -202,6 +220,8 @@ def sides_of(names: Sequence[str]) -> tuple[str, ...]:
     for take, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
         sides, others = [each[take] for each in words], {tuple(each[rest]) for each in words}
         if len(others) == 1 and all(others) and len(set(sides)) == len(names) and all(sides):
+            if _STAGES & set(map(str.lower, sides)):
+                return ()
             return tuple(sides) if () not in others else ()
     return ()
 

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal, TypeAlias
+from unicodedata import combining, normalize
 
 from servobench.core.errors import UnitError, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.base import load
-from servobench.recordings.formats.columns import bare_name, heading
+from servobench.recordings.formats.columns import REMARK, bare_name, heading
 from servobench.recordings.recording import Recording, Series
 
 Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
@@ -27,6 +28,8 @@ VOLTS_BY_CONVENTION = frozenset({"u", "v", "voltage"})
 
 INPUT_NAMES = VOLTS_BY_CONVENTION | {
     "volt", "volts", "vm", "um", "input", "control", "command", "cmd", "pwm", "duty", "duty_cycle", "applied",
+    "pwm_value", "pwm_duty", "pwm_cmd", "motor_pwm", "motor_command", "motor_cmd", "input_signal", "control_signal",
+    "voltaje", "voltagem", "tension", "tensao", "tensione", "spannung", "entrada", "eingang",
     "motor_voltage", "input_voltage", "applied_voltage", "control_voltage", "voltage_command", "command_voltage",
     "plant_input", "motor_input", "control_input", "control_output", "controller_output",
 }  # fmt: skip
@@ -38,15 +41,23 @@ OUTPUT_NAMES = frozenset({
     "shaft_speed", "shaft_angle", "angular_velocity", "angular_speed", "angular_position", "angular_rate",
     "motor_velocity", "motor_vel", "motor_pos", "joint_position", "joint_velocity", "present_position", "present_velocity",
     "omega_m", "ω_m", "theta_m", "θ_m", "theta_dot", "thetadot", "dtheta",
+    "encoder_position", "encoder_count", "encoder_value", "encoder_ticks", "ticks", "motor_rpm", "rotor_speed",
+    "wheel_speed", "wheel_velocity", "shaft_position", "actual_speed", "actual_velocity", "actual_position", "actual_angle",
+    "measured_speed", "measured_velocity", "measured_position", "measured_angle",
+    "velocidad", "velocidade", "velocita", "vitesse", "geschwindigkeit", "drehzahl", "posicion", "posicao", "posizione",
+    "angulo", "angolo", "winkel", "salida", "saida",
 })  # fmt: skip
 """The names by which a motor's measured output is recognised, in lower case and without a unit."""
 
-OUTPUT_NAMES_WITH_UNIT = frozenset({"w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v"})
+OUTPUT_NAMES_WITH_UNIT = frozenset({
+    "w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v", "actual", "feedback", "measured", "measurement", "response",
+})  # fmt: skip
 """Ambiguous names: recognised as the output only with the unit of a position or a speed, if there is no other output."""
 
 REFERENCE_NAMES = frozenset({
     "r", "ref", "reference", "setpoint", "set_point", "goal", "goal_position", "goal_velocity", "target", "target_position",
-    "target_velocity", "desired", "demand", "position_reference", "velocity_reference", "speed_reference",
+    "target_velocity", "target_speed", "target_counts", "target_angle", "desired", "desired_position", "desired_velocity",
+    "desired_speed", "commanded", "demand", "position_reference", "velocity_reference", "speed_reference",
 })  # fmt: skip
 """The names of a loop's possible reference; such a column leads to a question, and is never assumed."""
 
@@ -55,6 +66,9 @@ SUPPLY_NAMES = frozenset({
     "input_voltage", "present_input_voltage", "busvoltage",
 })  # fmt: skip
 """The names of what may feed the amplifier; such a column is asked about, never taken."""
+
+_KNOWN = INPUT_NAMES | OUTPUT_NAMES | OUTPUT_NAMES_WITH_UNIT | REFERENCE_NAMES | SUPPLY_NAMES
+_CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 _RECOGNISED: dict[Role, str] = {"input": "input-recognised", "output": "output-recognised"}
 _BOTH = frozenset({"input_voltage"})  # the motor's, unless a duty is beside it
@@ -150,15 +164,25 @@ def may_be_supply(name: str) -> bool:
 
 
 def plain_name(name: str) -> str:
-    """Return a name without its folder (`log.`, `NT:/arm/`) and its unit, in lower case, with underscores between words."""
+    """Return a name without its folder (`log.`, `NT:/arm/`), its unit and its accents, in lower case, with `_` between words.
+
+    Of `ex_signal(u)`, and of the `ex_signal_u_` that programs make of it, either part may be the name that is known.
+    """
     last = heading(name.rpartition(".")[2] or name).name
-    last = bare_name(last.rpartition("/")[2] or last)
-    return _snake_case(last)
+    last = last.rpartition("/")[2] or last
+    whole = _snake_case(bare_name(last))
+    if whole in _KNOWN or not (parts := REMARK.fullmatch(last)):
+        return whole
+    outside = _snake_case(bare_name(parts["name"].strip()))
+    inside = _snake_case(parts["inside"] or parts["between"])
+    return inside if inside in _KNOWN and outside not in _KNOWN else outside
 
 
 def _snake_case(text: str) -> str:
-    """A text in lower case, with one underscore wherever blanks, hyphens or underscores part its words."""
-    return "_".join(re.findall(r"[^-_\s]+", text.lower()))
+    """A text in lower case without accents, with `_` wherever blanks, hyphens, underscores or capitals part its words."""
+    text = "".join(each for each in normalize("NFKD", text) if not combining(each))
+    plain = "_".join(re.findall(r"[^-_\s]+", text.lower()))
+    return plain if plain in _KNOWN else "_".join(re.findall(r"[^-_\s]+", _CAPITAL.sub("_", text).lower()))
 
 
 def _fits(role: Role, plain: str, symbol: str | None) -> bool:
@@ -206,7 +230,8 @@ def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tu
     if sharp and file:
         return _in_other_file(recording, file, replace(spec, column=column), role)
     _check_is_no_unknown_unit(spec, names)
-    raise UnknownName(f"column of {recording.source.name or recording.name}", spec.column, names)
+    what = f"column for the {role}" if role else "column"
+    raise UnknownName(f"{what} of {recording.source.name or recording.name}", spec.column, names)
 
 
 def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
