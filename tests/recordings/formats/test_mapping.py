@@ -244,6 +244,34 @@ def test_a_side_is_the_one_channel_that_fits_the_role() -> None:
         assign(recording, input="l", output="left")
 
 
+def test_a_side_is_found_in_names_whose_words_only_capitals_part() -> None:
+    recording = made(
+        "time", "targetSpeed", "leftSpeed", "leftCommand", "rightSpeed", "rightCommand", time="s"
+    )
+    asked = missing(recording)
+
+    assert "`input=leftCommand:UNIT` or `input=rightCommand:UNIT`" in asked[0]
+    assert "Of several motors, name one: `input=left:UNIT`" in asked[0]
+    assert "Of several motors, name one: `output=left:UNIT`" in asked[1]
+    assigned = assign(recording, input="left:%", output="left:rpm")
+    assert (assigned.input, assigned.output) == ("leftCommand", "leftSpeed")
+
+
+def test_a_side_without_a_unit_is_asked_for_the_unit_of_its_channel() -> None:
+    recording = made("time", "leftSpeed", "leftCommand", "rightSpeed", "rightCommand", time="s")
+
+    asked = missing(recording, input="left", output="left")
+
+    assert "leftCommand" in asked[0]
+    assert "unit" in asked[0]
+
+
+def test_a_word_in_front_of_one_motors_name_alone_tells_nothing_apart() -> None:
+    asked = missing(made("leftSpeed", "rearTemperature", "leftCommand"))
+
+    assert not any("several motors" in each for each in asked)
+
+
 def test_what_a_run_of_ours_knows_need_not_be_said_and_nothing_changes() -> None:
     ours = assign(small(), output="counts:counts")
 

@@ -21,10 +21,12 @@ from servobench.recordings.formats.roles import (
     find_series,
     full_scale,
     may_be_supply,
+    one_of_several,
     plain_name,
     quantity_of,
     recognise,
     shell_text,
+    sides_of,
 )
 from servobench.recordings.recording import Recording, Series
 
@@ -163,6 +165,9 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     candidates = candidates or [
         each for each in possible if quantity_of(recording[each].channel.unit) in wanted
     ]
+    candidates = candidates or one_of_several(
+        [name for name in possible if plain_name(name) not in REFERENCE_NAMES], role
+    )
     if not candidates and role == "input":
         candidates = [name for name in possible if _COMMAND.search(name.lower())]
     moving = [name for name in candidates if _varies(recording[name].values)]
@@ -171,9 +176,10 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
         options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
         sentence = f"which column is the {role}, as {quote(candidates)} may be: say {options}"
         sides = sides_of(candidates)
-        return (
-            f"{sentence}. Of several motors, name one: `{role}={shell_text(sides[0])}`" if sides else sentence
-        )
+        if not sides:
+            return sentence
+        told = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
+        return f"{sentence}. Of several motors, name one: `{role}={shell_text(told)}`"
     columns = (
         f"the only column is {quote(names)}"
         if len(names) == 1
@@ -200,30 +206,6 @@ def _varies(values: Array) -> bool:
     """Whether a column ever changes: if not, the motor didn't move."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and (finite != finite[0]).any())
-
-
-# One motor's voltage as it was asked for and as it came; its position as it was asked for and as it is.
-_STAGES = frozenset({
-    "command", "commanded", "cmd", "applied", "measured", "actual", "desired", "target", "reference", "setpoint", "goal",
-    "present", "supply", "rad", "deg", "s", "rpm",
-})  # fmt: skip
-
-
-def sides_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return what tells the motors of several columns apart: `left` and `right` of `left_voltage` and `right_voltage`.
-
-    Nothing where the columns are called alike in no other part, or where that part is empty.
-    """
-    if len(names) < 2:
-        return ()
-    words = [re.split(r"[_. -]", name) for name in names]
-    for take, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
-        sides, others = [each[take] for each in words], {tuple(each[rest]) for each in words}
-        if len(others) == 1 and all(others) and len(set(sides)) == len(names) and all(sides):
-            if _STAGES & set(map(str.lower, sides)):
-                return ()
-            return tuple(sides) if () not in others else ()
-    return ()
 
 
 def _with_unit(recording: Recording, name: str) -> str:

@@ -270,7 +270,7 @@ def _of_side(recording: Recording, spec: ColumnSpec, role: Role | None) -> Serie
         ]
         if len(fitting) == 1:
             return fitting[0]
-    if role is None or spec.unit is None:
+    if role is None:
         return None
     known = INPUT_NAMES if role == "input" else OUTPUT_NAMES
     named = [
@@ -288,16 +288,54 @@ _JOINTS = "_. -"
 
 def _is_of_side(name: str, side: str) -> bool:
     """Whether a name begins or ends with what tells one of several motors from the others."""
-    lower = name.lower()
-    return lower.startswith(tuple(side + joint for joint in _JOINTS)) or lower.endswith(
-        tuple(joint + side for joint in _JOINTS)
+    return any(
+        each.startswith(tuple(side + joint for joint in _JOINTS))
+        or each.endswith(tuple(joint + side for joint in _JOINTS))
+        for each in (name.lower(), _CAPITAL.sub("_", name).lower())
     )
 
 
 def _without_side(name: str, side: str) -> str:
     """A name without what tells one of several motors from the others."""
-    lower = name.lower()
+    lower = _CAPITAL.sub("_", name).lower()
     return lower.removeprefix(side).removesuffix(side).strip(_JOINTS)
+
+
+def one_of_several(names: Sequence[str], role: Role) -> list[str]:
+    """Return the names that are known for a role but for a first or last word, which tells several motors apart."""
+    known = INPUT_NAMES if role == "input" else OUTPUT_NAMES
+    words = {name: [part for part in re.split(r"[_. -]+", _CAPITAL.sub("_", name)) if part] for name in names}
+    for take in (slice(1, None), slice(None, -1)):
+        rests = {name: "_".join(each[take]).lower() for name, each in words.items()}
+        for rest in dict.fromkeys(rests.values()):
+            alike = [name for name in names if rests[name] == rest]
+            if rest in known and len(alike) > 1 and sides_of(alike):
+                return alike
+    return []
+
+
+# One motor's voltage as it was asked for and as it came; its position as it was asked for and as it is.
+_STAGES = frozenset({
+    "command", "commanded", "cmd", "applied", "measured", "actual", "desired", "target", "reference", "setpoint", "goal",
+    "present", "supply", "rad", "deg", "s", "rpm",
+})  # fmt: skip
+
+
+def sides_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what tells the motors of several columns apart: `left` and `right` of `left_voltage` and `right_voltage`.
+
+    Nothing where the columns are called alike in no other part, or where that part is empty.
+    """
+    if len(names) < 2:
+        return ()
+    words = [re.split(r"[_. -]", _CAPITAL.sub("_", name)) for name in names]
+    for take, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
+        sides, others = [each[take] for each in words], {tuple(each[rest]) for each in words}
+        if len(others) == 1 and all(others) and len(set(sides)) == len(names) and all(sides):
+            if _STAGES & set(map(str.lower, sides)):
+                return ()
+            return tuple(sides) if () not in others else ()
+    return ()
 
 
 def _in_other_file(

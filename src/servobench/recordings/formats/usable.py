@@ -116,10 +116,10 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
     k = int(jumps[np.argmin(t[jumps + 1] - t[jumps])])
     far = t[k] - t[k + 1] > 0.5 * (t[k] - t[0])
     if np.mean(back) > _MOST_LEFT_OUT or (far and _longest_block(back) >= _RUN):
+        often = "once," if len(jumps) == 1 else f"{len(jumps)} times, the furthest"
         raise FormatError(
-            f"{name}: the time goes back {len(jumps)} times, the furthest from {t[k]:g} s to {t[k + 1]:g} s at "
-            f"sample {k + 2}. Cut several runs, or a counter that wrapped, into one file each; or name another "
-            "column with `time=...`"
+            f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. Cut several "
+            "runs, or a counter that wrapped, into one file each; or name another column with `time=...`"
         )
 
 
