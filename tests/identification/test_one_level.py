@@ -40,6 +40,27 @@ def test_a_single_step_tells_neither_gain_nor_friction_but_the_time_constant() -
     assert tau.sd < 0.2 * tau.value  # one event: the allowance for model error is whole, 35 % of the lag
 
 
+def test_noise_before_the_step_makes_no_gain_known() -> None:
+    """Of a motor with 30 % of friction, a gain without any, of 1.4 for 2.0, was stated as known and trusted."""
+    rng, step, speed, angle = np.random.default_rng(2), 1e-4, 0.0, 0.0
+    u = np.where(np.arange(400) < 50, 0.0, 100.0)
+    y = np.zeros(len(u))
+    for k, level in enumerate(u):
+        y[k] = angle + 0.02 * rng.standard_normal()
+        for _ in range(20):
+            drive = 2.0 * (level - 30.0) - 20.0 * np.sin(angle) if level else 0.0
+            speed += step * (drive - speed) / 0.03
+            angle += step * speed
+    data = replace(dataset(seed=1, samples=len(u), y=y), u=u, input_before=0.0, quantum=None, input_unit="%")
+
+    result = identify(data)
+    told = result.to_dict()
+
+    assert "single-level" in {each.code for each in result.findings}
+    assert told["parameters"]["gain"]["state"] == "combination"
+    assert told["combinations"]["speed_at_level"]["value"] == pytest.approx(140.0, rel=0.03)
+
+
 def test_the_poles_are_known_and_the_margins_are_not() -> None:
     derived = identify(stepped(0.0, 2.0)).derived
     assert np.isfinite(derived["pole"].interval).all()

@@ -158,7 +158,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "a column that isn't there": (
         {"data": COLUMNS, "input": "v:V"},
         UnknownName,
-        "no column of dict called 'v'",
+        "no column for the input of dict called 'v'",
     ),
     "a unit that doesn't exist": (
         {**AS_ARRAYS, "input_unit": "furlong"},

@@ -72,6 +72,7 @@ _ALIASES = {
     "turn": "rev", "turns": "rev", "revs": "rev", "rotation": "rev", "rotations": "rev",
     "revolution": "rev", "revolutions": "rev", "r": "rev", "rot": "rev", "cycle": "rev", "cycles": "rev",
     "counts": "count", "ticks": "count", "tick": "count", "pulse": "count", "pulses": "count",
+    "step": "count", "steps": "count", "increments": "count",
     "RPM": "rpm", "hz": "Hz", "hertz": "Hz", "Hertz": "Hz", "percent": "%",
 }  # fmt: skip
 _BEHIND_A_NUMBER = {"in": "inch"}  # by itself it ends too many names that aren't lengths

@@ -173,3 +173,26 @@ def test_a_shaft_that_turns_round_within_a_count_is_not_called_blocked() -> None
     short = recorded(u, quantum=quantum).part(1.0, 2.2)
 
     assert told(short) == set()
+
+
+@pytest.mark.parametrize("both_ways", [False, True])
+@pytest.mark.parametrize("width", [0.1, 0.5])
+def test_a_speed_that_stays_zero_under_a_pulse_is_told_and_one_that_rests_between_them_is_not(
+    width: float, both_ways: bool
+) -> None:
+    from dataclasses import replace
+
+    sound = differentiated(pulses(width, 1.0, both_ways=both_ways), 2048)
+    dead = np.arange(SAMPLES) * SAMPLE_TIME < 3.1
+
+    assert told(sound) == set()
+    assert told(replace(sound, y=np.where(dead, 0.0, sound.y))) == {"output-stops"}
+
+
+def test_a_speed_that_is_zero_at_its_goal_is_not_called_blocked() -> None:
+    from dataclasses import replace
+
+    sound = differentiated(pulses(0.5, 1.0), 2048)
+    dead = np.arange(SAMPLES) * SAMPLE_TIME < 3.1
+
+    assert told(replace(sound, y=np.where(dead, 0.0, sound.y), input_unit="rad/s")) == set()

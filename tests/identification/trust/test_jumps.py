@@ -54,6 +54,19 @@ def test_a_value_that_is_shown_twice_is_no_jump() -> None:
     assert not len(jumps(T, y, QUANTUM))
 
 
+def twitching(size: float) -> np.ndarray:
+    """Counts of a shaft that rests, steps once by so many, rests again, and then turns at 60 a sample."""
+    return np.r_[np.zeros(400), np.full(300, size), size + 60.0 * np.arange(300)]
+
+
+def test_a_shaft_that_friction_lets_go_for_a_moment_steps_and_does_not_jump() -> None:
+    assert not len(jumps(T, twitching(50.0), 1.0))
+
+
+def test_a_shaft_that_rests_can_not_step_by_more_than_it_turns_in_a_sample() -> None:
+    assert jumps(T, twitching(500.0), 1.0).tolist() == [399]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_sound_record_has_none(seed: int) -> None:
     data = dataset(seed=seed, kind="prbs", samples=2000)

@@ -91,6 +91,12 @@ def test_a_folder_without_its_files_is_told(names: list[str], why: str, tmp_path
 def test_a_folder_that_is_no_bag_and_a_database_that_is_none_are_told(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"no bag of ROS 2 .it lacks metadata\.yaml"):
         load(tmp_path)
+    for name in ("run1.csv", "run2.csv"):
+        (tmp_path / name).write_text("t,u,y\n")
+    with pytest.raises(
+        UsageError, match=r"such as .*run1\.csv; several files of one motor are fitted jointly"
+    ):
+        load(tmp_path)
     connection = sqlite3.connect(tmp_path / "songs.db3")
     connection.execute("CREATE TABLE songs(name TEXT)")
     connection.commit()

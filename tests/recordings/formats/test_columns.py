@@ -114,6 +114,11 @@ def test_long_lists_are_cut_and_control_characters_reach_no_terminal() -> None:
         ("time_ms", 1e-3),
         ("millis", 1e-3),
         ("t/min", 60),
+        ("Tempo", 1.0),
+        ("time(t)", 1.0),
+        ("time_t_", 1.0),
+        ("ros_time_s", 1.0),
+        ("loop_timestamp_ms", 1e-3),
     ],
 )
 def test_a_time_is_recognised_by_its_name_and_unit(header: str, factor: float) -> None:
@@ -127,6 +132,13 @@ def test_a_time_is_recognised_by_its_name_and_unit(header: str, factor: float) -
 @pytest.mark.parametrize("header", ["timestamp", "clock", "x", "t [V]", "temperature"])
 def test_what_is_not_surely_a_time_is_not_taken_as_one(header: str) -> None:
     assert table(header, "y")["y"].t is None
+
+
+def test_the_whole_name_of_a_time_comes_before_a_part_of_one() -> None:
+    recording = table("time", "loop_time_ms", "y")
+
+    assert recording["y"].t is not None
+    assert "`time` is used as the time" in " ".join(each.sentence for each in recording.findings)
 
 
 def test_of_two_times_none_is_taken_and_a_finding_asks() -> None:

@@ -17,6 +17,7 @@ from servobench.core.finding import Severity, info
 from servobench.recordings.formats import text_table
 from servobench.recordings.formats.base import load, save
 from servobench.recordings.formats.csv import Csv
+from servobench.recordings.formats.mapping import assign
 from servobench.recordings.recording import Recording, Series, Source
 from tests.recordings.formats.tables import codes, columns, finding, loaded, units
 from tests.recordings.native.samples import small
@@ -113,6 +114,21 @@ def test_a_header_that_does_not_fit_is_not_used_and_a_warning_says_so(tmp_path: 
     assert list(columns(recording)) == ["column_1", "column_2", "column_3", "column_4"]
     assert finding(recording.findings, "header-mismatch").severity is Severity.WARNING
     assert finding(recording.findings, "header-mismatch").rows == (1, 1)
+
+
+def test_columns_that_are_said_by_number_need_no_names(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "Time,data\n0.0,1,2,3\n0.1,1,3,4\n0.2,1,4,5\n")
+
+    assigned = assign(recording, time="1:s", input="2:V", output="3:rad")
+
+    assert finding(assigned.findings, "header-mismatch").severity is Severity.INFO
+
+
+def test_names_above_what_a_program_said_before_the_numbers_are_found(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "t,u,y\nlogging began, 20 ms a row\n0,1,2\n0.02,1,3\n")
+
+    assert list(columns(recording)) == ["t", "u", "y"]
+    assert finding(recording.findings, "preamble-skipped").rows == (2, 2)
 
 
 DAMAGED = """\

@@ -82,3 +82,14 @@ def test_a_motor_at_rest_is_not_called_limited() -> None:
 @pytest.mark.parametrize("values", [np.array([]), np.full(5, np.nan), np.ones(9)])
 def test_what_never_changes_has_no_ends(values: np.ndarray) -> None:
     assert extremes(series(values)) is None
+
+
+def test_a_speed_that_is_zero_between_two_runs_is_at_rest_and_not_limited() -> None:
+    run = np.r_[np.zeros(100), 20.0 * (1 - np.exp(-np.arange(100) / 20)), 20.0 * np.exp(-np.arange(20) / 5)]
+    found = extremes(series(np.tile(run, 3), unit="rad/s"))
+    lifted = extremes(series(np.tile(run, 3) + 1.0, unit="rad/s"))
+
+    assert found is not None
+    assert not found.looks_limited
+    assert lifted is not None
+    assert lifted.looks_limited

@@ -124,6 +124,17 @@ def test_without_a_telling_name_those_that_measure_the_right_thing_are_asked_abo
         ("rig.motor-speed", "rpm", "output"),
         ("v", "m/s", "output"),
         ("theta_deg", "deg", "output"),
+        ("pwmValue", "%", "input"),
+        ("inputSignal(8bits)", "%", "input"),
+        ("ex_signal(u)", "V", "input"),
+        ("ex_signal_u_", "V", "input"),
+        ("Tensão", "V", "input"),
+        ("EncoderPosition", "counts", "output"),
+        ("speed (raw)", "rad/s", "output"),
+        ("system_response_y_", "rad/s", "output"),
+        ("Saída", "rad/s", "output"),
+        ("thetaDot", "rad/s", "output"),
+        ("actual_rpm", "rpm", "output"),
     ],
 )
 def test_names_that_are_recognised(name: str, unit: str | None, role: str) -> None:
@@ -153,6 +164,52 @@ def test_a_column_is_named_by_its_name_its_header_its_number_or_in_other_case(sa
 
     assert assigned.output == "omega"
     assert ("name-case" in codes(assigned.findings)) == (said == "OMEGA")
+
+
+def test_a_column_that_must_be_the_time_is_asked_for_by_name() -> None:
+    named = made("u", "y", "timestamp", t=None)
+    named["timestamp"].values[:] = 1.75e9 + T
+    unnamed = made("column_1", "column_2", t=None)
+    unnamed["column_1"].values[:] = T
+    rows = made("column_1", "column_2", t=None)
+    rows["column_1"].values[:] = np.arange(100)
+
+    assert "`timestamp` may be the time, called so: say `time=timestamp:s`" in missing(named)[-1]
+    assert (
+        "`column_1` may be the time, growing from row to row: say `time=column_1:s`" in missing(unnamed)[-1]
+    )
+    assert "one of `column_1`, `column_2`" in missing(rows)[-1]  # it only counts them
+
+
+def test_a_goal_is_told_from_what_drives_the_motor() -> None:
+    asked = missing(made("target_speed", "actual_speed", actual_speed="rpm"))
+
+    assert "`target_speed` is called after what a loop has to follow" in asked[0]
+
+
+def test_what_was_commanded_and_what_was_applied_are_not_two_motors() -> None:
+    asked = missing(made("command_voltage", "applied_voltage", "y", y="rad"))
+    sides = missing(made("left_voltage", "right_voltage", "y", left_voltage="V", right_voltage="V", y="rad"))
+
+    assert "motors" not in asked[0]
+    assert "Of several motors, name one: `input=left`" in sides[0]
+
+
+def test_a_unit_said_under_another_name_of_it_is_no_contradiction() -> None:
+    recording = made("u", "angle", angle="steps")
+
+    assert "unit-overridden" not in codes(assign(recording, output="angle:counts").findings)
+    assert "unit-overridden" in codes(assign(recording, output="angle:deg").findings)
+
+
+def test_one_row_in_a_hundred_whose_time_is_spoilt_is_left_out_without_a_warning() -> None:
+    t = np.arange(200) * 0.02
+    t[0] = 1.0
+
+    assigned = with_times(t)
+
+    assert finding(assigned.findings, "rows-left-out").severity is Severity.INFO
+    assert finding(assigned.findings, "rows-left-out").rows == (1, 1)
 
 
 def test_an_exact_name_wins_over_a_number_and_a_unit() -> None:
@@ -185,6 +242,34 @@ def test_a_side_is_the_one_channel_that_fits_the_role() -> None:
     assert codes(assigned.findings) == ["name-beginning", "name-beginning"]
     with pytest.raises(UnknownName):
         assign(recording, input="l", output="left")
+
+
+def test_a_side_is_found_in_names_whose_words_only_capitals_part() -> None:
+    recording = made(
+        "time", "targetSpeed", "leftSpeed", "leftCommand", "rightSpeed", "rightCommand", time="s"
+    )
+    asked = missing(recording)
+
+    assert "`input=leftCommand:UNIT` or `input=rightCommand:UNIT`" in asked[0]
+    assert "Of several motors, name one: `input=left:UNIT`" in asked[0]
+    assert "Of several motors, name one: `output=left:UNIT`" in asked[1]
+    assigned = assign(recording, input="left:%", output="left:rpm")
+    assert (assigned.input, assigned.output) == ("leftCommand", "leftSpeed")
+
+
+def test_a_side_without_a_unit_is_asked_for_the_unit_of_its_channel() -> None:
+    recording = made("time", "leftSpeed", "leftCommand", "rightSpeed", "rightCommand", time="s")
+
+    asked = missing(recording, input="left", output="left")
+
+    assert "leftCommand" in asked[0]
+    assert "unit" in asked[0]
+
+
+def test_a_word_in_front_of_one_motors_name_alone_tells_nothing_apart() -> None:
+    asked = missing(made("leftSpeed", "rearTemperature", "leftCommand"))
+
+    assert not any("several motors" in each for each in asked)
 
 
 def test_what_a_run_of_ours_knows_need_not_be_said_and_nothing_changes() -> None:

@@ -189,7 +189,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
         return replace(simple, fits=fits)
     sentence = "The motor stands still in part of the record, so the model has friction that holds the shaft."
     without, with_it = (f"{fit.fit_percent:.2f}" for fit in (one_way, with_rest))
-    if without != with_it:
+    if float(with_it) > float(without):
         sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
     return _Base(fit=with_rest, findings=(info(_REST, sentence, parameters=("coulomb_voltage",)),), fits=fits)
 

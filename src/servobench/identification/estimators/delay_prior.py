@@ -23,7 +23,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
-from servobench.core.rounding import TWO_SIDED
+from servobench.core.rounding import TWO_SIDED, round_value
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.least_squares import (
@@ -165,8 +165,8 @@ def finding(minimum: Minimum, prior: DelayPrior, covariance: Array) -> Finding:
     )
     return info(
         CODE,
-        f"These data can't separate the delay from friction and the time constant. It is taken as {1e3 * value:.2g} "
-        f"± {1e3 * half:.2g} ms, {why}, and the other intervals allow for that; sample a step from rest faster to "
+        f"These data can't separate the delay from friction and the time constant. It is taken as "
+        f"{round_value(value, half, 's')}, {why}, and the other intervals allow for that; sample a step from rest faster to "
         "measure it.",
         parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )

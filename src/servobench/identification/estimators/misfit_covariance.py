@@ -38,6 +38,7 @@ from servobench.identification.estimators.least_squares import (
     square_jacobians,
 )
 from servobench.identification.estimators.near_bounds import intervals_near_bounds
+from servobench.identification.estimators.sizes import WEAK, sizes
 from servobench.identification.models.base import Structure
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -87,7 +88,7 @@ def _second(fit: Fit) -> tuple[Array, Array]:
         model = _weighting(structure, data, theta, tau)
         minimum = minimise(model, model.whitened_data, theta)
         theta = minimum.theta
-        covariance = _covariance(model, minimum, tau)[:shared, :shared]
+        covariance = _covariance(model, minimum, tau, sizes(fit))[:shared, :shared]
         # Where the search slid off to the shortest time constant, the two ways of weighing have nothing in common.
         slid = theta[at] <= model.bounds(model.whitened_data)[0][at]
         if slid or abs(theta[at] - tau) <= _SETTLED * np.sqrt(max(covariance[at, at], 0.0)):
@@ -108,19 +109,24 @@ def _weighting(
     return WhitenedStructure(structure, noise, data, blocks)
 
 
-def _covariance(model: WhitenedStructure, minimum: Minimum, tau: float) -> Array:
-    """The sandwich of the joint vector, with lags of 3 τ, at most half a record; a parameter at its bound is held there."""
+def _covariance(model: WhitenedStructure, minimum: Minimum, tau: float, size: Array) -> Array:
+    """The sandwich of the joint vector, with lags of 3 τ, at most half a record; a parameter at its bound is held there.
+
+    A weak prior of parameters of these sizes (P + ΣQ,) keeps what gain and friction of one level are together.
+    """
     layout = Layout(model, model.whitened_data)
     lower, upper = layout.bounds()
     free = (minimum.theta > lower) & (minimum.theta < upper)
     h = information(layout, square_jacobians(layout, minimum.predictions))
+    count = sum(int(prediction.valid.sum()) for prediction in minimum.predictions)
+    prior = np.diag(minimum.cost / count / (WEAK * size) ** 2)
     scores, lags = [], []
     for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
         s = np.zeros((int(prediction.valid.sum()), len(minimum.theta)))
         s[:, place] = (prediction.jacobian * (record.y - prediction.y)[:, None])[prediction.valid]
         scores.append(s)
         lags.append(min(int(_LAGS * tau * len(s) / record.duration), len(s) // 2))
-    return sandwich_over(h * np.outer(free, free), scores, lags)
+    return sandwich_over((h + prior) * np.outer(free, free), scores, lags)
 
 
 def _minimum(fit: Fit) -> Minimum:

@@ -252,8 +252,9 @@ def _finding(found: Profile, data: Dataset) -> Finding:
         )
     return info(
         "disturbance-found",
-        f"A random torque acts on the motor: its speed wanders by {found.disturbance.wander:.2g} {unit} ({low:.2g} to "
-        f"{high:.2g}) around the model's, more than chance explains. The intervals allow for it (estimator prediction_error). "
+        f"A random torque acts on the motor: its speed wanders by {number(found.disturbance.wander, 2)} {unit} "
+        f"({number(low, 2)} to {number(high, 2)}) around the model's, more than chance explains. The intervals allow for it "
+        "(estimator prediction_error). "
         f"(Likelihood ratio {number(found.likelihood_ratio, 3)}, limit {THRESHOLD}.)",
         parameters=("gain", "time_constant"),
     )

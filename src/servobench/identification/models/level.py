@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.first_motion import noise_of
 
 _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
+_SHORT = 20  # of these parts of a record is the longest span over which motion has to be seen
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
 
 
@@ -31,6 +34,29 @@ def single_level(records: Sequence[Dataset]) -> float | None:
 def _while_moving(record: Dataset) -> Array:
     """The input at those samples of the output at which the shaft moves."""
     speed = np.abs(smooth_speed(record))
+    least = _MOVING * float(speed.max(initial=0.0))
     return np.asarray(
-        record.input_at_output[speed > _MOVING * float(speed.max(initial=0.0))], dtype=np.float64
+        record.input_at_output[(speed > least) & _beyond_noise(record, least)], dtype=np.float64
     )
+
+
+def _beyond_noise(record: Dataset, speed: float) -> NDArray[np.bool_]:
+    """Whether at each sample (M,) the shaft has come further until then than noise alone takes a reading of one that stands.
+
+    Back over as many samples as that noise is a small `speed` for; a span around each sample would call the last ones before
+    a step motion.
+    """
+    count = len(record.y)
+    step = (record.t_output[-1] - record.t_output[0]) / max(count - 1, 1)
+    noise, longest = noise_of(record), max(count // _SHORT, 1)
+    if record.kind == "position":
+        way = np.cumsum(np.diff(record.y, prepend=record.y[0]))
+        wanted = noise / (speed * step) if speed > 0 else 1.0
+    else:
+        way = np.cumsum(record.y)
+        wanted = (0.5 * noise / speed) ** 2 if speed > 0 else 1.0
+    span = int(np.clip(np.ceil(wanted), 1, longest))
+    start = np.maximum(np.arange(count) - span, 0)
+    moved = np.abs(way - way[start])
+    least = noise if record.kind == "position" else 0.5 * noise * np.sqrt(span)
+    return np.asarray(moved > least, dtype=np.bool_)

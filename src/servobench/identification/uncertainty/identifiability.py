@@ -16,7 +16,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.estimate import Estimate
-from servobench.core.rounding import TWO_SIDED
+from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
 
 _KNOWN = 0.5  # of the value: half-width of a 95 % interval up to which a parameter is known
@@ -229,7 +229,7 @@ def _acceleration_at_level(fit: Fit) -> Combination | None:
 
 
 def _level_in_words(level: float, unit: str) -> str:
-    return f"{level:.4g}" if unit == "1" else f"{level:.4g} {unit}"
+    return plain(level) if unit == "1" else f"{plain(level)} {unit}"
 
 
 def _sense_of_friction(fit: Fit, level: float) -> float:

@@ -163,6 +163,19 @@ def _checksum(file: Path, head: bytes) -> str:
     return digest.hexdigest()
 
 
+def _in_folder(folder: Path) -> str:
+    """An example of a file in a folder that was named in place of one, and what to do with several."""
+    if (folder / "recording.mcap").exists():
+        return f", such as {folder / 'recording.mcap'}"
+    inside = sorted(each for each in folder.iterdir() if each.is_file() and not each.name.startswith("."))
+    if len(inside) < 2:
+        return f", such as {inside[0]}" if inside else ""
+    return (
+        f", such as {inside[0]}; several files of one motor are fitted jointly, and `servobench fleet identify {folder} "
+        "--out RESULTS` identifies each file"
+    )
+
+
 def _check_is_there(file: Path) -> None:
     part = file / "recording.mcap.part"
     if file.is_dir() and part.exists():
@@ -173,8 +186,7 @@ def _check_is_there(file: Path) -> None:
         )
     if file.is_dir():
         raise UsageError(
-            f"{file} is a folder, and no bag of ROS 2 (it lacks metadata.yaml); name a file in it"
-            + (f", such as {file / 'recording.mcap'}" if (file / "recording.mcap").exists() else "")
+            f"{file} is a folder, and no bag of ROS 2 (it lacks metadata.yaml); name a file in it{_in_folder(file)}"
         )
     if not file.exists():
         folder = file.parent

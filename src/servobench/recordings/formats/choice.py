@@ -11,19 +11,22 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info
-from servobench.core.units import unit
+from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.columns import Heading, heading, quote, time_unit
 from servobench.recordings.formats.roles import (
+    REFERENCE_NAMES,
     VOLTS_BY_CONVENTION,
     ColumnSpec,
     Role,
     find_series,
     full_scale,
     may_be_supply,
+    one_of_several,
     plain_name,
     quantity_of,
     recognise,
     shell_text,
+    sides_of,
 )
 from servobench.recordings.recording import Recording, Series
 
@@ -89,11 +92,18 @@ def choose(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
     if (scale := full_scale(symbol)) is not None:
         return _duty_of_counts(recording, role, series, scale, findings)
     _check_unit(recording, role, series, symbol)
-    if said not in (None, symbol):
+    if said not in (None, symbol) and not _is_the_same(said, symbol):
         findings.append(
             info("unit-overridden", f"`{name}` is read in {symbol} instead of {said}, as requested.")
         )
     return Choice(series=_in_unit(series, symbol), findings=tuple(findings))
+
+
+def _is_the_same(one: str, other: str) -> bool:
+    """Whether two units are the same under two names, as counts and steps are."""
+    if not (is_unit(one) and is_unit(other)):
+        return False
+    return (unit(one).factor, unit(one).dimension) == (unit(other).factor, unit(other).dimension)
 
 
 def _in_unit(series: Series, symbol: str) -> Series:
@@ -155,6 +165,9 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     candidates = candidates or [
         each for each in possible if quantity_of(recording[each].channel.unit) in wanted
     ]
+    candidates = candidates or one_of_several(
+        [name for name in possible if plain_name(name) not in REFERENCE_NAMES], role
+    )
     if not candidates and role == "input":
         candidates = [name for name in possible if _COMMAND.search(name.lower())]
     moving = [name for name in candidates if _varies(recording[name].values)]
@@ -163,9 +176,10 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
         options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
         sentence = f"which column is the {role}, as {quote(candidates)} may be: say {options}"
         sides = sides_of(candidates)
-        return (
-            f"{sentence}. Of several motors, name one: `{role}={shell_text(sides[0])}`" if sides else sentence
-        )
+        if not sides:
+            return sentence
+        told = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
+        return f"{sentence}. Of several motors, name one: `{role}={shell_text(told)}`"
     columns = (
         f"the only column is {quote(names)}"
         if len(names) == 1
@@ -173,6 +187,9 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     )
     sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {columns}"
     if role == "input":
+        followed = [name for name in names if plain_name(name) in REFERENCE_NAMES]
+        if followed:
+            sentence += f". {quote(followed[:1])} is called after what a loop has to follow, which doesn't drive the motor"
         sentence += (
             ". Identification needs an input; name one in another file as FILE#COL, or one value throughout: "
             "`input_value=50:%`"
@@ -189,21 +206,6 @@ def _varies(values: Array) -> bool:
     """Whether a column ever changes: if not, the motor didn't move."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and (finite != finite[0]).any())
-
-
-def sides_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return what tells the motors of several columns apart: `left` and `right` of `left_voltage` and `right_voltage`.
-
-    Nothing where the columns are called alike in no other part, or where that part is empty.
-    """
-    if len(names) < 2:
-        return ()
-    words = [re.split(r"[_. -]", name) for name in names]
-    for take, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
-        sides, others = [each[take] for each in words], {tuple(each[rest]) for each in words}
-        if len(others) == 1 and all(others) and len(set(sides)) == len(names) and all(sides):
-            return tuple(sides) if () not in others else ()
-    return ()
 
 
 def _with_unit(recording: Recording, name: str) -> str:

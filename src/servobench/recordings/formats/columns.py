@@ -31,8 +31,10 @@ TIME_NAMES = frozenset(
 )
 """The names of a column of times, in lower case, once a unit is taken away."""
 
-SECONDS_BY_CONVENTION = frozenset({"t", "time"})
+SECONDS_BY_CONVENTION = frozenset({"t", "time", "zeit", "temps", "tempo", "tiempo"})
 """The names that mean seconds unless another unit is given."""
+
+_LAST_WORDS = ("_time", "_timestamp")  # of a name that has a unit of time: `ros_time_s`
 
 # A unit at the end of a name, as in `theta_deg`. Only what can hardly mean anything else; `_m` may stand for "measured".
 _ENDINGS = {
@@ -46,6 +48,8 @@ _ENDINGS = {
 _ENDING = re.compile(rf"(?:^|.*_)({'|'.join(sorted(_ENDINGS, key=len, reverse=True))})", re.IGNORECASE)
 # `current_A` is a current; `encoder_A` is the first of two tracks.
 _CURRENT = re.compile(r"(?:.*_)?(?i:current|curr|i|ia|im|iq)_(A|mA)")
+# What stands in brackets and is no unit, as in `time(t)`, or in the underscores that a program puts in their place.
+REMARK = re.compile(r"(?P<name>.+?)(?:\s*[\[({<](?P<inside>[^\[\](){}<>]+)[\])}>]|_(?P<between>[^_\W]+)_)")
 _CLOSING = {"]": "[", ")": "(", "}": "{", ">": "<"}
 _JOINED = re.compile(r"(?P<name>.+?)(?:\s*/\s*|\s+in\s+|\s*,\s*)(?P<unit>.+)")
 
@@ -133,7 +137,11 @@ def _unit_in_name(name: str) -> str | None:
         # `u_V` is a voltage; `u_v` may be anything.
         return _ENDINGS.get(found) if len(found) <= 2 else _ENDINGS.get(found.lower())
     # `t_s` is a time in seconds; `x_s` may be anything.
-    return "s" if name.endswith("_s") and name[:-2].lower() in TIME_NAMES else None
+    return "s" if name.endswith("_s") and _is_time_word(name[:-2]) else None
+
+
+def _is_time_word(name: str) -> bool:
+    return name.lower() in TIME_NAMES or name.lower().endswith(_LAST_WORDS)
 
 
 def bare_name(name: str) -> str:
@@ -243,8 +251,21 @@ def _folder(name: str) -> str:
 
 
 def _is_named_time(heading: Heading) -> bool:
+    last = _last_part(heading)
+    return _is_time_word(last) or _is_time_word(bare_name(last))
+
+
+def _is_surely_time(heading: Heading) -> bool:
+    """Whether the whole name is that of a time; `loop_time_s` may be how long each turn of a loop takes."""
+    last = _last_part(heading)
+    return {last.lower(), bare_name(last).lower()} & TIME_NAMES != set()
+
+
+def _last_part(heading: Heading) -> str:
+    """A name without its folder, and without a remark such as that of `time(t)`."""
     last = heading.name[len(_folder(heading.name)) :]
-    return last.lower() in TIME_NAMES or bare_name(last).lower() in TIME_NAMES
+    remark = REMARK.fullmatch(last)
+    return remark["name"].strip() if remark and remark["name"].strip().lower() in TIME_NAMES else last
 
 
 def time_unit(heading: Heading) -> str | None:
@@ -253,8 +274,7 @@ def time_unit(heading: Heading) -> str | None:
         return None
     if heading.unit is not None:
         return heading.unit if is_unit(heading.unit) and unit(heading.unit).quantity == "time" else None
-    last = heading.name[len(_folder(heading.name)) :].lower()
-    return "s" if last in SECONDS_BY_CONVENTION else None
+    return "s" if _last_part(heading).lower() in SECONDS_BY_CONVENTION else None
 
 
 def _find_times(columns: Sequence[Column], rows: Rows | None) -> tuple[list[_Times], list[Finding]]:
@@ -268,10 +288,11 @@ def _find_times(columns: Sequence[Column], rows: Rows | None) -> tuple[list[_Tim
         if _mostly_increases(column.values):
             key = (_folder(column.heading.name), len(column.values))
             candidates.setdefault(key, []).append(column)
-        else:
+        elif _is_surely_time(column.heading):
             sentence = f"`{column.heading.name}` isn't used as the time, despite its name: {_why_no_time(column.values)}."
             findings.append(info("time-not-recognised", sentence))
-    for (folder, _), alike in candidates.items():
+    for (folder, _), named in candidates.items():
+        alike = [each for each in named if each.is_time or _is_surely_time(each.heading)] or named
         names = [column.heading.name for column in alike]
         if len(alike) > 1:
             sentence = f"Each of {quote(names)} may be the time; say which with `time=COL:UNIT`."

@@ -90,6 +90,7 @@ def extremes(series: Series) -> Extremes | None:
     between[[0, -1]] = (
         False  # before it begins to move and after it has stopped, a channel rests at an end of its range
     )
+    between &= values[starts] != 0  # what is zero is off, or at rest
     cut = int(lengths[at_end & between].max(initial=0))
     elsewhere = int(lengths[~at_end].max(initial=0))
     return Extremes(

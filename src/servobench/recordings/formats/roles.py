@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal, TypeAlias
+from unicodedata import combining, normalize
 
 from servobench.core.errors import UnitError, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.base import load
-from servobench.recordings.formats.columns import bare_name, heading
+from servobench.recordings.formats.columns import REMARK, bare_name, heading
 from servobench.recordings.recording import Recording, Series
 
 Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
@@ -27,6 +28,8 @@ VOLTS_BY_CONVENTION = frozenset({"u", "v", "voltage"})
 
 INPUT_NAMES = VOLTS_BY_CONVENTION | {
     "volt", "volts", "vm", "um", "input", "control", "command", "cmd", "pwm", "duty", "duty_cycle", "applied",
+    "pwm_value", "pwm_duty", "pwm_cmd", "motor_pwm", "motor_command", "motor_cmd", "input_signal", "control_signal",
+    "voltaje", "voltagem", "tension", "tensao", "tensione", "spannung", "entrada", "eingang",
     "motor_voltage", "input_voltage", "applied_voltage", "control_voltage", "voltage_command", "command_voltage",
     "plant_input", "motor_input", "control_input", "control_output", "controller_output",
 }  # fmt: skip
@@ -38,15 +41,23 @@ OUTPUT_NAMES = frozenset({
     "shaft_speed", "shaft_angle", "angular_velocity", "angular_speed", "angular_position", "angular_rate",
     "motor_velocity", "motor_vel", "motor_pos", "joint_position", "joint_velocity", "present_position", "present_velocity",
     "omega_m", "ω_m", "theta_m", "θ_m", "theta_dot", "thetadot", "dtheta",
+    "encoder_position", "encoder_count", "encoder_value", "encoder_ticks", "ticks", "motor_rpm", "rotor_speed",
+    "wheel_speed", "wheel_velocity", "shaft_position", "actual_speed", "actual_velocity", "actual_position", "actual_angle",
+    "measured_speed", "measured_velocity", "measured_position", "measured_angle",
+    "velocidad", "velocidade", "velocita", "vitesse", "geschwindigkeit", "drehzahl", "posicion", "posicao", "posizione",
+    "angulo", "angolo", "winkel", "salida", "saida",
 })  # fmt: skip
 """The names by which a motor's measured output is recognised, in lower case and without a unit."""
 
-OUTPUT_NAMES_WITH_UNIT = frozenset({"w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v"})
+OUTPUT_NAMES_WITH_UNIT = frozenset({
+    "w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v", "actual", "feedback", "measured", "measurement", "response",
+})  # fmt: skip
 """Ambiguous names: recognised as the output only with the unit of a position or a speed, if there is no other output."""
 
 REFERENCE_NAMES = frozenset({
     "r", "ref", "reference", "setpoint", "set_point", "goal", "goal_position", "goal_velocity", "target", "target_position",
-    "target_velocity", "desired", "demand", "position_reference", "velocity_reference", "speed_reference",
+    "target_velocity", "target_speed", "target_counts", "target_angle", "desired", "desired_position", "desired_velocity",
+    "desired_speed", "commanded", "demand", "position_reference", "velocity_reference", "speed_reference",
 })  # fmt: skip
 """The names of a loop's possible reference; such a column leads to a question, and is never assumed."""
 
@@ -55,6 +66,9 @@ SUPPLY_NAMES = frozenset({
     "input_voltage", "present_input_voltage", "busvoltage",
 })  # fmt: skip
 """The names of what may feed the amplifier; such a column is asked about, never taken."""
+
+_KNOWN = INPUT_NAMES | OUTPUT_NAMES | OUTPUT_NAMES_WITH_UNIT | REFERENCE_NAMES | SUPPLY_NAMES
+_CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 _RECOGNISED: dict[Role, str] = {"input": "input-recognised", "output": "output-recognised"}
 _BOTH = frozenset({"input_voltage"})  # the motor's, unless a duty is beside it
@@ -150,15 +164,25 @@ def may_be_supply(name: str) -> bool:
 
 
 def plain_name(name: str) -> str:
-    """Return a name without its folder (`log.`, `NT:/arm/`) and its unit, in lower case, with underscores between words."""
+    """Return a name without its folder (`log.`, `NT:/arm/`), its unit and its accents, in lower case, with `_` between words.
+
+    Of `ex_signal(u)`, and of the `ex_signal_u_` that programs make of it, either part may be the name that is known.
+    """
     last = heading(name.rpartition(".")[2] or name).name
-    last = bare_name(last.rpartition("/")[2] or last)
-    return _snake_case(last)
+    last = last.rpartition("/")[2] or last
+    whole = _snake_case(bare_name(last))
+    if whole in _KNOWN or not (parts := REMARK.fullmatch(last)):
+        return whole
+    outside = _snake_case(bare_name(parts["name"].strip()))
+    inside = _snake_case(parts["inside"] or parts["between"])
+    return inside if inside in _KNOWN and outside not in _KNOWN else outside
 
 
 def _snake_case(text: str) -> str:
-    """A text in lower case, with one underscore wherever blanks, hyphens or underscores part its words."""
-    return "_".join(re.findall(r"[^-_\s]+", text.lower()))
+    """A text in lower case without accents, with `_` wherever blanks, hyphens, underscores or capitals part its words."""
+    text = "".join(each for each in normalize("NFKD", text) if not combining(each))
+    plain = "_".join(re.findall(r"[^-_\s]+", text.lower()))
+    return plain if plain in _KNOWN else "_".join(re.findall(r"[^-_\s]+", _CAPITAL.sub("_", text).lower()))
 
 
 def _fits(role: Role, plain: str, symbol: str | None) -> bool:
@@ -206,7 +230,8 @@ def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tu
     if sharp and file:
         return _in_other_file(recording, file, replace(spec, column=column), role)
     _check_is_no_unknown_unit(spec, names)
-    raise UnknownName(f"column of {recording.source.name or recording.name}", spec.column, names)
+    what = f"column for the {role}" if role else "column"
+    raise UnknownName(f"{what} of {recording.source.name or recording.name}", spec.column, names)
 
 
 def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
@@ -245,7 +270,7 @@ def _of_side(recording: Recording, spec: ColumnSpec, role: Role | None) -> Serie
         ]
         if len(fitting) == 1:
             return fitting[0]
-    if role is None or spec.unit is None:
+    if role is None:
         return None
     known = INPUT_NAMES if role == "input" else OUTPUT_NAMES
     named = [
@@ -263,16 +288,54 @@ _JOINTS = "_. -"
 
 def _is_of_side(name: str, side: str) -> bool:
     """Whether a name begins or ends with what tells one of several motors from the others."""
-    lower = name.lower()
-    return lower.startswith(tuple(side + joint for joint in _JOINTS)) or lower.endswith(
-        tuple(joint + side for joint in _JOINTS)
+    return any(
+        each.startswith(tuple(side + joint for joint in _JOINTS))
+        or each.endswith(tuple(joint + side for joint in _JOINTS))
+        for each in (name.lower(), _CAPITAL.sub("_", name).lower())
     )
 
 
 def _without_side(name: str, side: str) -> str:
     """A name without what tells one of several motors from the others."""
-    lower = name.lower()
+    lower = _CAPITAL.sub("_", name).lower()
     return lower.removeprefix(side).removesuffix(side).strip(_JOINTS)
+
+
+def one_of_several(names: Sequence[str], role: Role) -> list[str]:
+    """Return the names that are known for a role but for a first or last word, which tells several motors apart."""
+    known = INPUT_NAMES if role == "input" else OUTPUT_NAMES
+    words = {name: [part for part in re.split(r"[_. -]+", _CAPITAL.sub("_", name)) if part] for name in names}
+    for take in (slice(1, None), slice(None, -1)):
+        rests = {name: "_".join(each[take]).lower() for name, each in words.items()}
+        for rest in dict.fromkeys(rests.values()):
+            alike = [name for name in names if rests[name] == rest]
+            if rest in known and len(alike) > 1 and sides_of(alike):
+                return alike
+    return []
+
+
+# One motor's voltage as it was asked for and as it came; its position as it was asked for and as it is.
+_STAGES = frozenset({
+    "command", "commanded", "cmd", "applied", "measured", "actual", "desired", "target", "reference", "setpoint", "goal",
+    "present", "supply", "rad", "deg", "s", "rpm",
+})  # fmt: skip
+
+
+def sides_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what tells the motors of several columns apart: `left` and `right` of `left_voltage` and `right_voltage`.
+
+    Nothing where the columns are called alike in no other part, or where that part is empty.
+    """
+    if len(names) < 2:
+        return ()
+    words = [re.split(r"[_. -]", _CAPITAL.sub("_", name)) for name in names]
+    for take, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
+        sides, others = [each[take] for each in words], {tuple(each[rest]) for each in words}
+        if len(others) == 1 and all(others) and len(set(sides)) == len(names) and all(sides):
+            if _STAGES & set(map(str.lower, sides)):
+                return ()
+            return tuple(sides) if () not in others else ()
+    return ()
 
 
 def _in_other_file(

@@ -401,7 +401,9 @@ def _header(above: Sequence[_Names], layout: Layout) -> Sequence[_Names]:
     """The row of names just above the numbers; and after it the row of units, where there is one between."""
     if len(above) > 1 and _are_units(above[-1].cells, layout) and _are_names(above[-2].cells, layout):
         return above[-2:]
-    return above[-1:] if above and _are_names(above[-1].cells, layout) else []
+    # What a program says when it starts or stops may stand between, in another number of cells.
+    fitting = [each for each in above if len(each.cells) == layout.columns > 1] or list(above)
+    return fitting[-1:] if fitting and _are_names(fitting[-1].cells, layout) else []
 
 
 def _are_names(cells: Sequence[str], layout: Layout) -> bool:

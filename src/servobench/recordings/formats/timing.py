@@ -13,7 +13,7 @@ from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info, warning
 from servobench.core.units import is_unit, quantity, unit
 from servobench.recordings.formats.choice import long_columns
-from servobench.recordings.formats.columns import heading, time_unit
+from servobench.recordings.formats.columns import TIME_NAMES, heading, quote, time_unit
 from servobench.recordings.formats.roles import (
     ColumnSpec,
     Role,
@@ -79,14 +79,45 @@ def assign_times(
             for role, each in series.items()
         }
         return evenly, [info("sample-time-in-file", told)]
-    sentence = "the times: say, for example, `sample_time=0.02` (in s), or `time=COL:UNIT`"
-    if len(recording.series) > 1:
-        sentence += f", one of {long_columns(recording)}"
+    sentence = _question(recording)
     why = [
         each.sentence for each in recording.findings if each.code in {"time-not-recognised", "time-ambiguous"}
     ]
     return " ".join([f"{sentence}.", *why]) if why else sentence
 
+
+def _question(recording: Recording) -> str:
+    """The sentence that asks for the times: for the unit of what must be the time, or may be, or else for a column."""
+    named = [each for each in recording.series if plain_name(each.channel.name) in TIME_NAMES]
+    unnamed = [each for each in recording.series if each.channel.unit is None]
+    for may_be, why in ((named, "called so"), (unnamed, "growing from row to row")):
+        names = [each.channel.name for each in may_be if _runs(each.values)]
+        if 0 < len(names) <= _FEW:
+            options = " or ".join(f"`time={shell_text(f'{name}:s')}`" for name in names)
+            return (
+                f"the times: {quote(names)} may be the time, {why}: say {options}, or :ms, or what the unit is; otherwise, for "
+                "example, `sample_time=0.02` (in s)"
+            )
+    sentence = "the times: say, for example, `sample_time=0.02` (in s), or `time=COL:UNIT`"
+    if len(recording.series) > 1:
+        sentence += f", one of {long_columns(recording)}"
+    return sentence
+
+
+_FEW = 3  # columns; of more the sentence would be a list
+
+
+def _runs(values: Array) -> bool:
+    """Whether a column can be times: it grows all the way, but for a few slips, and doesn't just count the rows."""
+    values = values[np.isfinite(values)]
+    if len(values) < 3:
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.diff(values)
+    return bool(np.mean(steps > 0) > _GROWING and not (steps == 1.0).all())
+
+
+_GROWING = 0.95  # of the steps
 
 _TIME_OF_A_SAMPLE = frozenset(
     {"ts", "t_s", "dt", "delta_t", "sample_time", "sampletime", "sampling_time", "tsample"}

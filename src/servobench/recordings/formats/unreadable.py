@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from servobench.core.finding import Finding, Severity, refusal, warning
 
 _CODE = "column-not-numbers"
+_NO_NAMES = "header-mismatch"
 _MANY = 0.01  # of the rows; fewer damaged cells cost nothing but themselves
 _HALF = 0.5
 # What programs write where they have no value says no more than an empty cell.
@@ -52,11 +53,14 @@ def about_columns(texts: Mapping[int, Texts], names: Sequence[str], rows: int) -
 
 
 def demote_unused(findings: Iterable[Finding], used: Iterable[str]) -> list[Finding]:
-    """Return findings; those on unused columns (others than `used`) are only information."""
+    """Return findings; those on unused columns (others than `used`) are only information, and those on names not used.
+
+    Nothing is recognised without names, so that each column was said by its number.
+    """
     begins = tuple(map(_begin, used))
     return [
         replace(each, severity=Severity.INFO)
-        if each.code == _CODE and not each.sentence.startswith(begins)
+        if (each.code == _CODE and not each.sentence.startswith(begins)) or each.code == _NO_NAMES
         else each
         for each in findings
     ]

@@ -18,6 +18,7 @@ from servobench.recordings.recording import Series
 _MOST_LEFT_OUT = (
     0.1  # of the samples, for times that go back; more than that is another run, or another column
 )
+_FEW_LEFT_OUT = 0.01  # of the samples: what a logger spoils when it starts tells nothing against the rest
 _MOST_ROUNDED = 0.5  # of the samples, with the time of the one before
 _MOST_REPEATED = 0.1  # of those, with another value; a logger that repeats rows has none
 _LONGEST_RECORDING = 1e12  # sample times; thirty years at a kilohertz
@@ -101,7 +102,8 @@ def _about_times(name: str, t: Array, keep: NDArray[np.bool_]) -> list[Finding]:
     sentence = (
         f"No time, or one that isn't later than those before it, left out: {in_words(samples, 'sample')}."
     )
-    return [warning("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))]
+    severity = warning if np.mean(~keep) > _FEW_LEFT_OUT else info
+    return [severity("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))]
 
 
 def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
@@ -114,10 +116,10 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
     k = int(jumps[np.argmin(t[jumps + 1] - t[jumps])])
     far = t[k] - t[k + 1] > 0.5 * (t[k] - t[0])
     if np.mean(back) > _MOST_LEFT_OUT or (far and _longest_block(back) >= _RUN):
+        often = "once," if len(jumps) == 1 else f"{len(jumps)} times, the furthest"
         raise FormatError(
-            f"{name}: the time goes back {len(jumps)} times, the furthest from {t[k]:g} s to {t[k + 1]:g} s at "
-            f"sample {k + 2}. Cut several runs, or a counter that wrapped, into one file each; or name another "
-            "column with `time=...`"
+            f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. Cut several "
+            "runs, or a counter that wrapped, into one file each; or name another column with `time=...`"
         )
 
 

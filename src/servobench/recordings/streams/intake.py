@@ -21,6 +21,7 @@ from servobench.recordings.streams.base import Rows
 from servobench.recordings.streams.order import Link, RowOrder
 
 OPENING = 50  # rows from which the columns and the time between rows are found
+_FEW_DAMAGED = 0.01  # of the rows: a line that was cut when the stream began tells nothing against the rest
 _FEWEST = 2  # rows that can be read as a recording
 
 
@@ -101,12 +102,11 @@ class Intake:
         found = []
         if self.damaged:
             example = f", such as {self._example!r}" if self._example else ""
-            found.append(
-                warning(
-                    "stream-damaged",
-                    f"{count_text(self.damaged, 'line')} of the stream were damaged and left out{example}.",
-                )
+            lines = (
+                f"{count_text(self.damaged, 'line')} of the stream {'was' if self.damaged == 1 else 'were'}"
             )
+            severity = warning if self.damaged > _FEW_DAMAGED * self.rows else info
+            found.append(severity("stream-damaged", f"{lines} damaged and left out{example}."))
         return (*found, *(_about_order(self._order) if self._order else ()))
 
     def _possible(self, rows: Rows) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, refusal, warning
+from servobench.core.rounding import plain
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
@@ -55,17 +56,13 @@ def _of(data: Dataset) -> list[Finding]:
     if np.ptp(data.y) == 0:
         sentence = (
             f"{data.name}: the output doesn't move, although the input goes from "
-            f"{data.u.min():.3g} to {data.u.max():.3g} {data.input_unit}: the shaft is blocked, "
+            f"{plain(data.u.min(), 3)} to {plain(data.u.max(), 3)} {data.input_unit}: the shaft is blocked, "
             "the amplifier is off, the sensor belongs to another motor, or the motion was smaller "
             "than one step of the sensor."
         )
         return [refusal("output-still", sentence)]
     flats = _flats(data, quantum)
-    return (
-        _clipping(data, flats, quantum)
-        or _pile_up(data, quantum)
-        or (_stops(data, flats, quantum) if data.kind == "position" else [])
-    )
+    return _clipping(data, flats, quantum) or _pile_up(data, quantum) or _stops(data, flats, quantum)
 
 
 def _travels(data: Dataset, quantum: float) -> bool:
@@ -87,7 +84,7 @@ def _too_little(data: Dataset, quantum: float) -> Finding:
     steps = max(round(float(np.ptp(data.y)) / quantum), 1)
     sentence = (
         f"{data.name}: the output moves by {steps} {'step' if steps == 1 else 'steps'} of its "
-        f"sensor, {quantum:.3g} {data.output_unit} each: too few to identify a motor. Drive it "
+        f"sensor, {plain(quantum, 3)} {data.output_unit} each: too few to identify a motor. Drive it "
         "further, or use a finer sensor."
     )
     return refusal("motion-too-small", sentence)
@@ -201,8 +198,11 @@ def _leaves(data: Dataset, flats: list[_Flat], usual: float) -> bool:
 
 def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     """Whether the shaft stands although the input is one that moved it at other times."""
-    if data.input_unit == data.position_unit:
+    if data.input_unit in (data.position_unit, data.output_unit):
         return []  # a goal that is reached: there a servo stands as it should
+    if data.kind == "speed":
+        flats = [flat for flat in flats if data.y[flat.first] == 0.0]
+        quantum *= data.sample_time  # how far a shaft goes unseen
     u = data.input_at_output
     speed = np.abs(smooth_speed(data))
     fastest = float(np.percentile(speed, 95))
@@ -210,11 +210,12 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     # Not the median: between pulses a motor coasts at no input at all, and none would then be the usual one.
     driven = (np.abs(u) >= 0.99 * float(np.sqrt(np.mean(fast**2)))) & (u != 0)
     long = [flat for flat in flats if flat.last - flat.first + 1 >= _PART * len(data.y)]
-    lost = _without_effect(data, np.where(driven, u, 0.0), flats)
+    lost = _without_effect(data, np.where(driven, u, 0.0), flats, quantum)
     for flat in long:
         rows = slice(flat.first, flat.last + 1)
         held_back = abs(float(np.sum(np.sign(u[rows]) * driven[rows]))) * data.sample_time * fastest
-        stays = held_back > _WOULD_GO * quantum and not _may_turn_within(data, flat, quantum)
+        turns = data.kind == "position" and _may_turn_within(data, flat, quantum)
+        stays = held_back > _WOULD_GO * quantum and not turns
         if (np.mean(driven[rows]) > 0.3 and stays) or flat in lost:
             sentence = (
                 f"{data.name}: from {data.t_output[flat.first]:.4g} s to "
@@ -234,7 +235,7 @@ def _may_turn_within(data: Dataset, flat: _Flat, quantum: float) -> bool:
     return quickest * time**2 / 8.0 <= _TURNS_WITHIN * quantum
 
 
-def _without_effect(data: Dataset, u: Array, flats: list[_Flat]) -> list[_Flat]:
+def _without_effect(data: Dataset, u: Array, flats: list[_Flat], quantum: float) -> list[_Flat]:
     """The flats in which a pulse had no effect until the next one came, as strong as those that moved the shaft far."""
     edges = np.flatnonzero(np.diff(np.sign(u), prepend=0.0, append=0.0))
     pulses = [(int(a), int(b)) for a, b in pairwise(edges) if u[a] != 0]
@@ -251,8 +252,8 @@ def _without_effect(data: Dataset, u: Array, flats: list[_Flat]) -> list[_Flat]:
         return []
     area = np.array([abs(float(u[a:b].sum())) for a, b in pulses])
     enough = 0.9 * float(np.quantile(area[moved], 0.8))
-    way = np.abs(data.y[np.minimum(nexts, len(u) - 1)] - data.y[starts])
-    quantum = data.quantum or lattice_step(data.y) or 0.0
+    position = data.y if data.kind == "position" else np.cumsum(data.y) * data.sample_time
+    way = np.abs(position[np.minimum(nexts, len(u) - 1)] - position[starts])
     if not np.median(way[moved & (area >= enough)]) > _FEW * quantum:
         return []  # pulses so small that a coarse sensor may miss one
     return [flat for flat, size in zip(stood, area, strict=True) if flat is not None and size >= enough]

@@ -43,7 +43,8 @@ def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
     """Return the indices (K,) of the samples of y (N,) at times t (N,) [s] after which it goes on from somewhere else.
 
     A step from one sample to the next is held against those two before and after it, which have to agree with each other. What
-    it departs from them by is held against the 99th percentile of all and against four quanta.
+    it departs from them by is held against the 99th percentile of all and against four quanta. A shaft that friction lets go for
+    a moment, slowly sampled, steps as well: from rest to rest, and no faster than it goes elsewhere.
     """
     if len(y) < 50:
         return np.array([], dtype=np.int64)
@@ -54,6 +55,9 @@ def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
     differ = np.ptp(around, axis=0) * step[2:-2]
     limit = max(_LARGE * float(np.percentile(off, 99)), _QUANTA * quantum)
     found = np.flatnonzero((off > limit) & (off > 2.0 * differ)) + 2
+    top = float(np.abs(np.delete(speed, found)).max(initial=0.0))
+    twitches = (np.median(around, axis=0)[found - 2] == 0.0) & (np.abs(speed[found]) <= top)
+    found = found[~twitches]
     return found if len(found) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
 
 

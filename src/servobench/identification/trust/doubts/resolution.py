@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import Finding, info, warning
+from servobench.core.rounding import plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
@@ -46,7 +47,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     )
     by = "and the intervals allow for it" if allowed_for else "perhaps by more than their intervals"
     sentence = (
-        f"The sensor is coarse: its steps are {quantum:.3g} {unit}, {fewest:.2g} of them {where}. "
+        f"The sensor is coarse: its steps are {plain(quantum, 3)} {unit}, {plain(fewest, 2)} of them {where}. "
         f"Its rounding isn't random and shifts the time constant and the friction, {by}; a finer "
         "sensor or a longer record reduces that."
     )

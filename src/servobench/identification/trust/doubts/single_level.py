@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.finding import Finding, info
+from servobench.core.rounding import plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.level import single_level
@@ -28,7 +29,7 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
     return [
         info(
             "single-level",
-            f"The motor moved under one level of the input only, {level:.3g}{unit}, so only the "
+            f"The motor moved under one level of the input only, {plain(level, 3)}{unit}, so only the "
             "speed at this level is known: gain and friction can't be separated. Add a second "
             "level, or let the motor coast.",
             parameters=("gain", "coulomb_voltage"),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.finding import Finding, warning
+from servobench.core.rounding import plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
@@ -32,7 +33,7 @@ def _input_size(data: Dataset) -> list[Finding]:
         return []
     other = "V read as mV" if largest < 1 else "mV read as V"
     sentence = (
-        f"{data.name}: the input reaches {largest:.3g} V, which no servo motor is driven with "
+        f"{data.name}: the input reaches {plain(largest, 3)} V, which no servo motor is driven with "
         f"({other}?). Check its unit: `input=COL:UNIT`."
     )
     return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
@@ -45,7 +46,7 @@ def _speed(data: Dataset) -> list[Finding]:
     if fastest <= _FASTEST:
         return []
     sentence = (
-        f"{data.name}: the motor seems to turn at {fastest:.3g} rad/s ({fastest * 30 / np.pi:.3g} "
+        f"{data.name}: the motor seems to turn at {plain(fastest, 3)} rad/s ({plain(fastest * 30 / np.pi, 3)} "
         "rpm), faster than any servo motor: degrees or counts may have been read as radians, or "
         "milliseconds as seconds. Check the units: `output=COL:UNIT`, `time=COL:UNIT`."
     )
@@ -78,7 +79,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if tau.value <= _SLOWEST or tau.value > 0.5 * longest or tau.sd > 0.5 * tau.value:
         return []
     sentence = (
-        f"The time constant comes out as {tau.value:.3g} s, too long for a servo motor: "
+        f"The time constant comes out as {plain(tau.value, 3)} s, too long for a servo motor: "
         "milliseconds may have been read as seconds. Check the unit of the times: "
         "`time=COL:ms` for a column, or seconds in place of milliseconds for arrays."
     )

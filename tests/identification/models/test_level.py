@@ -1,0 +1,44 @@
+"""Which levels of the input moved a motor, where the reading of the shaft is noisy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.identification.models.level import single_level
+from servobench.recordings.measurement.base import Kind
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import dataset
+
+STEP = 0.002
+GAIN, LAG = 20.0, 0.05
+
+
+def noisy(levels: tuple[float, ...], kind: Kind, noise: float, each: int = 300) -> Dataset:
+    """A motor under levels of the same length, whose output is read with white noise."""
+    u = np.repeat(levels, each)
+    speed = np.zeros(len(u))
+    for k in range(1, len(u)):
+        speed[k] = speed[k - 1] + STEP / LAG * (GAIN * u[k - 1] - speed[k - 1])
+    y = np.cumsum(speed) * STEP if kind == "position" else speed
+    y = y + noise * np.random.default_rng(4).standard_normal(len(y))
+    return replace(dataset(seed=1, samples=len(u), y=y), u=u, input_before=levels[0], kind=kind, quantum=None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "noise"), [("position", 0.01), ("position", 0.05), ("speed", 2.0), ("speed", 5.0)]
+)
+def test_noise_of_a_shaft_at_rest_is_no_motion_under_a_second_level(kind: Kind, noise: float) -> None:
+    assert single_level([noisy((0.0, 5.0), kind, noise)]) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "noise"), [("position", 0.0), ("position", 0.01), ("speed", 0.0), ("speed", 5.0)]
+)
+@pytest.mark.parametrize("levels", [(0.0, 5.0, 0.0), (0.0, 5.0, 2.0), (5.0, 3.0), (0.0, 5.0, -5.0)])
+def test_coasting_and_a_second_level_are_seen_through_noise(
+    levels: tuple[float, ...], kind: Kind, noise: float
+) -> None:
+    assert single_level([noisy(levels, kind, noise)]) is None
