@@ -170,6 +170,10 @@ def lowest(
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
     # Of ends that are as good as each other, one where the search has settled.
     best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
+    if (
+        not best.converged
+    ):  # along a valley full of kinks steps have become short, and are long again from anew
+        best = descent(layout, best.point.theta, free)
     theta = best.point.theta + best.change
     predictions, cost = _evaluate(layout, theta)
     if not cost <= best.point.cost * (1 + _ENOUGH**2):
