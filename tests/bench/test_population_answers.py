@@ -23,6 +23,7 @@ from population_parts.runs import outcome
         pytest.param(5114, id="three guesses on the floor of one valley left another unseen"),
         pytest.param(8143, id="a negative friction to start from ended in none, and a gain 22 % low"),
         pytest.param(8174, id="the same beside a random torque"),
+        pytest.param(6091, id="noise of a speed sensor turned a motor back that turns one way"),
         pytest.param(578, id="a slow drift took the rounding of a rest for motion, with a delay of 2.5 s"),
     ],
 )
