@@ -61,9 +61,9 @@ def _figures(found: Sequence) -> list[Figure]:
 def command(words: Sequence[str]) -> int:
     """Identify each recording, print one line each and the judgement of each motor; returns the exit status."""
     from figures import shown
-    from real_parts.judge import judged
+    from real_parts.judge import judged, scatter_of_families
     from real_parts.recordings import usable
-    from real_parts.runs import Outcome, outcomes
+    from real_parts.runs import PARAMETERS, Outcome, outcomes
 
     parser = argparse.ArgumentParser(description="Intervals on real motors, judged by replicates.")
     parser.add_argument("--motor", action="append", help="only this motor; may be repeated")
@@ -81,6 +81,12 @@ def command(words: Sequence[str]) -> int:
         print(
             f"{row.motor:16} {row.parameter:16} held {row.held:2} of {row.stated:2}  consensus {row.consensus:9.4g}  "
             f"scatter {100 * row.scatter:5.1f} %  half-width / scatter {row.width:5.1f}"
+        )
+    print()
+    for each in (each for parameter in PARAMETERS for each in scatter_of_families(found, parameter)):
+        print(
+            f"{each.family:16} {each.parameter:16} scatter within a motor {100 * each.own:5.1f} %, "
+            f"median of the other families {100 * each.others:5.1f} %"
         )
     print()
     return shown(_figures(found))

@@ -13,10 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from population_parts import kernels
+from population_parts.departures import Departure
 from population_parts.inputs import Array
 from population_parts.motors import Case, Motor
-from population_parts.simulator import KICKS, Motion, plain, rows
+from population_parts.simulator import KICKS, Motion, marched, plain, rows
 
+SHARES = np.array([[1 / 3, 1 / 4], [1 / 4, 1 / 5]])
+"""The second moments of λ and λ², the part of a delay that is a lag, all parts from none to the whole being alike probable."""
+EXCESS = 0.25 * 0.5**2 / 3
+"""The second moment of the excess of friction at rest, as a part of it: none in three motors of four, else up to a half."""
+
+_LAG_STEPS = 16  # in a delay, with which its lag is simulated
+_SMALL_EXCESS = 0.05
+_SLOW = 0.05  # of the top speed: where the excess has fallen to 37 %
 _WORST = 1e9  # beyond this condition a parameter isn't told from the others
 _STILL = 1e-3  # of the top speed: who turned back by less never turned both ways
 
@@ -36,7 +45,37 @@ def bound(case: Case, motion: Motion) -> dict[str, float]:
     """
     motor = replace(case.motor, torque=0.0)
     names = _unknown(case, motion)
-    columns = jacobian(case, motor, motion, names)
+    return _bounds(motor, names, jacobian(case, motor, motion, names))
+
+
+def cautious(case: Case, motion: Motion) -> dict[str, float]:
+    """Return the same for an estimator that can't rule out a little friction, a lag, or more friction near rest.
+
+    The Coulomb voltage is always unknown. A part λ of a delay may be a lag, which adds λ p + λ² q to the output, and friction at
+    rest may be larger than at speed; both are nuisances with the priors of decision 0047 (van Trees 1968).
+    """
+    motor = replace(case.motor, torque=0.0)
+    names = _unknown(case, motion)
+    names += [] if "coulomb" in names else ["coulomb"]
+    columns, moments = [jacobian(case, motor, motion, names)], []
+    if motor.delay > 0.0:
+        columns.append(_weighed(case, motion, _by_lag(case, motor, motion)))
+        moments.append(SHARES)
+    if motor.coulomb > 0.0:
+        columns.append(_weighed(case, motion, _by_excess(case, motor, motion)))
+        moments.append(np.array([[EXCESS]]))
+    whole = np.hstack(columns)
+    prior, at = np.zeros((0, whole.shape[1])), len(names)
+    for moment in moments:
+        more = np.zeros((len(moment), whole.shape[1]))
+        more[:, at : at + len(moment)] = np.linalg.cholesky(np.linalg.inv(moment)).T
+        prior, at = np.vstack([prior, more]), at + len(moment)
+    nuisances = [f"nuisance {n}" for n in range(whole.shape[1] - len(names))]
+    return _bounds(motor, names + nuisances, np.vstack([whole, prior]))
+
+
+def _bounds(motor: Motor, names: list[str], columns: Array) -> dict[str, float]:
+    """The bounds by the information of columns (N, C)."""
     scale = np.linalg.norm(columns, axis=0)
     told = scale > 0
     found = dict.fromkeys(("gain", "time_constant", "delay", "coulomb_voltage", "lag"), np.inf)
@@ -53,6 +92,42 @@ def bound(case: Case, motion: Motion) -> dict[str, float]:
     return found
 
 
+def _by_lag(case: Case, motor: Motor, motion: Motion) -> Array:
+    """p and q (N, 2): what the output has more, λ p + λ² q, where a part λ of the delay is a lag."""
+    t, u = rows(case)
+    output, start = _output(case), (float(motion.speed[0]), 0.0)
+    step = motor.delay / _LAG_STEPS
+    own = t[0] - 40 * motor.delay + step * np.arange(int((t[-1] - t[0]) / step + 40 * _LAG_STEPS))
+    driven = np.append(motion.before, u)[np.searchsorted(t, own, side="right")]
+    runs = []
+    for share in (0.0, 0.5, 1.0):
+        decay = np.exp(-1.0 / (share * _LAG_STEPS)) if share else 0.0
+        lagged = kernels.lagged(driven, decay, motion.before)
+        times = own + (1.0 - share) * motor.delay
+        out = np.empty((len(t), 2))
+        kernels.turn((motor.gain, motor.tau, motor.coulomb), times, lagged, motion.before, t, start, out)
+        runs.append(out[:, output])
+    half, whole = runs[1] - runs[0], runs[2] - runs[0]
+    return np.ascontiguousarray(np.column_stack([4.0 * half - whole, 2.0 * whole - 4.0 * half]))
+
+
+def _by_excess(case: Case, motor: Motor, motion: Motion) -> Array:
+    """What the output has more (N, 1) for friction that is twice as large at rest as at speed, by a difference."""
+    t, u = rows(case)
+    top = max(float(np.abs(motion.speed).max()), 1e-12)
+    runs = []
+    for excess in (0.0, _SMALL_EXCESS):
+        more = Departure(name="excess", stribeck=excess, slow=_SLOW * top)
+        out = marched(replace(motor, departure=more), t, u, motion.before, (float(motion.speed[0]), 0.0))
+        runs.append(out[:, _output(case)])
+    return np.ascontiguousarray((runs[1] - runs[0])[:, None] / _SMALL_EXCESS)
+
+
+def _output(case: Case) -> int:
+    """Which column of a motion a record shows."""
+    return 0 if case.output == "speed" else 1
+
+
 def _root(columns: Array) -> Array:
     """A root (C, C) of the inverse of the information; infinite rows for what isn't told from other columns."""
     _, s, v = np.linalg.svd(columns, full_matrices=False)
@@ -66,7 +141,7 @@ def _root(columns: Array) -> Array:
 def jacobian(case: Case, motor: Motor, motion: Motion, names: list[str]) -> Array:
     """Return the derivatives of what is read (N, C), each row over its standard deviation, innovations where torque is random."""
     t, u = rows(case)
-    output = 0 if case.output == "speed" else 1
+    output = _output(case)
     steps = {
         "gain": 1e-5 * motor.gain,
         "tau": 1e-5 * motor.tau,

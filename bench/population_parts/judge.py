@@ -114,10 +114,10 @@ def coverage(rows: Iterable[Row], name: str) -> tuple[int, int]:
     return sum(found), len(found)
 
 
-def ratios(rows: Iterable[Row], name: str) -> list[float]:
-    """Return stated standard deviation over bound of gain or time constant, of records that could be known."""
+def ratios(rows: Iterable[Row], name: str, beside: str = "bound") -> list[float]:
+    """Return stated standard deviation over a bound of gain or time constant, of records that could be known."""
     return [
-        stated(row)[name][1] / abs(row["true"][name][0]) / row["bound"][name]
+        stated(row)[name][1] / abs(row["true"][name][0]) / row[beside][name]
         for row in rows
         if name in stated(row) and is_knowable(row)
     ]

@@ -58,6 +58,17 @@ def turn(p, times, volts, before, latches, start, out):
 
 
 @numba.njit(cache=True)
+def lagged(u, decay, before):
+    """Return an input (N,) behind a lag that keeps `decay` of its distance in a step, at the middle of each step."""
+    out = np.empty(len(u))
+    x, half = before, math.sqrt(decay)
+    for n in range(len(u)):
+        out[n] = u[n] + (x - u[n]) * half
+        x = u[n] + (x - u[n]) * decay
+    return out
+
+
+@numba.njit(cache=True)
 def _pull(q, v, i, w, theta, ahead):
     """The torque beside friction, as a voltage: current i (volts at the resistance at rest of a cold motor) less cogging.
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from population_parts.bound import bound, turns_both_ways
+from population_parts.bound import bound, cautious, turns_both_ways
 from population_parts.departures import NONE, Departure
 from population_parts.inputs import Array
 from population_parts.motors import Case, drawn
@@ -159,6 +159,7 @@ def _described(case: Case, motion: Motion, number: int) -> Row:
         "travel": float(np.ptp(motion.angle)) / motor.quantum,
         "true": true(case, motion),
         "bound": bound(case, motion),
+        "cautious": cautious(case, motion),
     }
 
 

@@ -110,9 +110,21 @@ def _run(motor: Motor, times: Array, volts: Array, t: Array, start: tuple[float,
     if not d.is_marched:
         kernels.turn((motor.gain, motor.tau, motor.coulomb), times, volts, 0.0, t, start, out)
         return out
+    return _marched(motor, times, volts, 0.0, t, start)
+
+
+def marched(motor: Motor, t: Array, u: Array, before: float, start: tuple[float, float]) -> Array:
+    """Return speed and angle (N, 2) of a motor with departures, at the rows, from a start state (ω, θ) at the first."""
+    return _marched(motor, t + motor.delay, u, before, t, start)
+
+
+def _marched(
+    motor: Motor, times: Array, volts: Array, before: float, t: Array, start: tuple[float, float]
+) -> Array:
+    out, d = np.empty((len(t), 2)), motor.departure
     q = (motor.gain, motor.tau, motor.coulomb, d.stribeck, d.slow, d.cogging * d.amplitude, float(d.teeth), d.phase,
          d.winding * motor.tau, d.sag, d.amplitude, d.warming, t[-1] - t[0])  # fmt: skip
-    kernels.march(q, times, volts, 0.0, t, start, motor.tau / _MARCH, out)
+    kernels.march(q, times, volts, before, t, start, motor.tau / _MARCH, out)
     return out
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import median
+from statistics import fmean, median, stdev
 
 from real_parts.runs import PARAMETERS, Outcome
 
@@ -56,4 +56,42 @@ def _judged(motor: str, parameter: str, outcomes: Sequence[Outcome]) -> Judged |
         consensus=consensus,
         scatter=sd / abs(consensus) if consensus else math.nan,
         width=median(each.half_width for each in stated) / sd if sd else math.inf,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scatter:
+    """How far recordings of one family of motors lie apart in one parameter, whatever they state about themselves.
+
+    `own` is the relative standard deviation within a motor, the root mean square over the family's motors; `others` the median of
+    that of the other families, which is what experience would have been without this one.
+    """
+
+    family: str
+    parameter: str
+    own: float
+    others: float
+
+
+def scatter_of_families(outcomes: Sequence[Outcome], parameter: str) -> tuple[Scatter, ...]:
+    """Return the scatter of each family, a folder of recordings, in which a motor has two that state the parameter."""
+    motors: dict[tuple[str, str], list[float]] = {}
+    for each in outcomes:
+        if parameter in each.stated:
+            of = (each.name.split("/")[0], each.motor)
+            motors.setdefault(of, []).append(abs(each.stated[parameter].value))
+    squares: dict[str, list[float]] = {}
+    for (family, _), values in motors.items():
+        if len(values) > 1:
+            squares.setdefault(family, []).append((stdev(values) / fmean(values)) ** 2)
+    own = {family: math.sqrt(fmean(each)) for family, each in squares.items()}
+    return tuple(
+        Scatter(
+            family=family,
+            parameter=parameter,
+            own=value,
+            others=median([other for name, other in own.items() if name != family]),
+        )
+        for family, value in own.items()
+        if len(own) > 1
     )

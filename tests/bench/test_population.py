@@ -294,6 +294,34 @@ def test_the_bound_is_what_least_squares_scatters_by() -> None:
     assert lag.std() == pytest.approx(least["lag"], rel=0.2)
 
 
+def test_who_can_rule_out_nothing_knows_less() -> None:
+    """A motor without friction may have some, and a delay may be a lag."""
+    u = two_way_square(400, 50)
+    for coulomb, delay in ((0.0, 0.0), (0.3, 0.0), (0.3, 2.0 * DT)):
+        one = case(replace(MOTOR, coulomb=coulomb, delay=delay, noise=0.02), u)
+        motion = simulator.moved(one)
+
+        least, more = bound.bound(one, motion), bound.cautious(one, motion)
+
+        assert all(more[name] >= (1 - 1e-6) * least[name] for name in ("gain", "time_constant", "lag"))
+        assert more["gain"] > least["gain"]
+
+
+def test_a_delay_that_is_all_lag_is_a_second_pole() -> None:
+    """K (1 - (τ e^(-t/τ) - d e^(-t/d))/(τ - d)) less what the delay makes, to the square of a sixteenth of d over 24."""
+    tau, d = 0.099, 2.0 * DT
+    motor = replace(MOTOR, delay=d)
+    one = replace(case(motor, np.full(300, 1.0)), output="speed")
+    motion = simulator.Motion(speed=np.zeros(300), angle=np.zeros(300), before=0.0)
+    t = simulator.rows(one)[0]
+
+    both = bound._by_lag(one, motor, motion).sum(axis=1)
+
+    lagged = 1.0 - (tau * np.exp(-t / tau) - d * np.exp(-t / d)) / (tau - d)
+    late = np.where(t > d, 1.0 - np.exp(-np.maximum(t - d, 0.0) / tau), 0.0)
+    assert np.abs(both - motor.gain * (lagged - late)).max() < motor.gain * d / tau / 16**2
+
+
 def test_one_level_from_rest_bounds_the_time_constant_and_not_the_gain() -> None:
     one = case(replace(MOTOR, coulomb=0.3), np.full(400, 2.0))
 
@@ -357,8 +385,8 @@ def row(
     true = {"gain": (10.0, 10.0), "coulomb_voltage": (0.0, 0.0)}
     estimates = {"gain": (gain, sd, gain - 1.96 * sd, gain + 1.96 * sd)}
     bounds = {"gain": 0.01, "time_constant": 0.01}
-    return {"number": number, "verdict": verdict, "true": true, "estimates": estimates, "bound": bounds, "events": 9,
-            "seconds": 0.1, "findings": {}, **more}  # fmt: skip
+    return {"number": number, "verdict": verdict, "true": true, "estimates": estimates, "bound": bounds, "cautious": bounds,
+            "events": 9, "seconds": 0.1, "findings": {}, **more}  # fmt: skip
 
 
 def test_an_interval_is_widened_towards_the_truth_by_what_it_misses() -> None:

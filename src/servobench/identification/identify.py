@@ -66,6 +66,7 @@ from servobench.identification.uncertainty.identifiability import (
 from servobench.identification.uncertainty.model_error import with_model_error
 from servobench.identification.uncertainty.one_lag import with_one_lag
 from servobench.identification.uncertainty.rounded_times import with_rounded_times
+from servobench.identification.uncertainty.small_departures import with_small_departures
 from servobench.identification.uncertainty.status_findings import about_answers
 from servobench.identification.uncertainty.unresolved_time_constant import with_unresolved_time_constant
 from servobench.identification.uncertainty.weak_priors import with_weak_priors
@@ -306,7 +307,9 @@ def _with_allowances(
     fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
     one_level = single_level(records) is not None
     fit = with_weak_priors(fit) if one_level else fit
-    fit = widen_for_disagreement(with_friction_near_rest(with_one_lag(fit)), method, allow)
+    fit = widen_for_disagreement(
+        with_small_departures(with_friction_near_rest(with_one_lag(fit))), method, allow
+    )
     if estimator == "auto":
         fit = with_unseen_torque(fit)
     fit = with_missing_terms(fit, choice.shown)

@@ -21,6 +21,8 @@ _MOST = 2000  # samples in which the counts have to prove themselves
 # Of Q/√12: what accumulates, as the steps of a converter do when they are summed, may go into a random torque, and what is left
 # beside it is rarely as large as the rounding of counts. That of four records of an encoder was 0.97 to 1.02 of it.
 _BESIDE_TORQUE = (0.9, 1.1)
+# Of Q/√12, from sample to sample: beside a torque that moves the shaft by more than its rounding, that isn't seen by itself.
+_SHAKEN = 1.25
 _NOISY = 11.0  # of Q/√12: three counts of noise in a reading
 # The correlation of neighbouring second differences is -4/6 for white readings, and -1/2 for the sum of white speeds. Half way
 # between the two, either is four standard deviations (1/√2000) off; as far on the other side is what alternates.
@@ -96,6 +98,8 @@ def _is_rounding_beside_torque(plain: Fit) -> bool:
     if fit.disturbance is None or not explains_the_colour(fit):
         return False
     low, high = _BESIDE_TORQUE
+    if _ratio(fit) < low:
+        return _roughness(plain) > _SHAKEN
     return low <= _ratio(fit) <= high or (low <= _ratio(fit) < _NOISY and _has_independent_errors(fit))
 
 

@@ -36,6 +36,7 @@ from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
 from servobench.identification.models.motion import smooth_speed, turns_both_ways
 from servobench.identification.trust.doubts.base import about_data
+from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import score_terms
 from servobench.identification.trust.validation import explains_the_colour
@@ -48,6 +49,7 @@ _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
 # Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
 _AS_GOOD = 1.1
+_STILL = 1e-3  # of the largest speed: slower than that a motor stands
 _LARGE = 10_000  # samples, of all records
 _NEARLY_ALL = 90.0  # % of the output
 
@@ -118,6 +120,12 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
         with_friction = fit_structure(method, STRUCTURES["first_order_coulomb"], data)
     except NotIdentifiable:
         return _Base(fit=frictionless, fits={frictionless.structure: frictionless})
+    if hardly_turns_back(with_friction):
+        one_way = _base_for_one_way(
+            method, data, fit_structure(method, STRUCTURES["first_order_one_way"], data)
+        )
+        if not better(with_friction, one_way.fit):
+            return one_way
     fits = {each.structure: each for each in (frictionless, with_friction)}
     gains = instead_of(frictionless.model["gain"], with_friction.model["gain"])
     if better(with_friction, frictionless):
@@ -197,7 +205,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
 def _stands(data: Sequence[Dataset]) -> bool:
     """Whether at least one sample in fifty was taken while the motor stood still."""
     speeds = [np.abs(smooth_speed(record)) for record in data]
-    still = np.concatenate([speed <= 1e-3 * speed.max() for speed in speeds])
+    still = np.concatenate([speed <= _STILL * speed.max() for speed in speeds])
     return bool(np.mean(still) > 0.02)
 
 

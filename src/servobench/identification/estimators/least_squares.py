@@ -15,6 +15,7 @@ from servobench.identification.models.base import Prediction, Structure
 from servobench.recordings.measurement.dataset import Dataset
 
 _STEPS = 100
+_AGAIN = 4  # times
 _STEPS_TO_VALLEY = 25
 _AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
 _NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
@@ -170,6 +171,11 @@ def lowest(
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
     # Of ends that are as good as each other, one where the search has settled.
     best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
+    for _ in range(_AGAIN):
+        if best.converged:
+            break
+        # Along a valley full of kinks steps have become short, and are long again when the search begins anew.
+        best = descent(layout, best.point.theta, free)
     theta = best.point.theta + best.change
     predictions, cost = _evaluate(layout, theta)
     if not cost <= best.point.cost * (1 + _ENOUGH**2):

@@ -40,6 +40,7 @@ from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
 
+_SOME_FRICTION = 0.1  # of the largest input
 # The place of each parameter in the kernel's vector (K, τ, u₀, u_c, d).
 _COLUMN = {"gain": 0, "time_constant": 1, "offset_voltage": 2, "coulomb_voltage": 3, "delay": 4}
 
@@ -102,7 +103,8 @@ class FirstOrder:
     def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
         """Return guesses from a search over τ and d; with friction, also one that starts at rest and one the other way.
 
-        Where friction holds the shaft for long, one is that of an input that lacks what friction takes.
+        Where friction holds the shaft for long, one is that of an input that lacks what friction takes; where least squares makes
+        all frictions negative, from which a search wouldn't come back, one has a friction that is none of theirs.
         """
         from servobench.identification.models.search import is_held, separable_guesses
 
@@ -112,6 +114,8 @@ class FirstOrder:
             return tuple(found)
         if is_held(data):
             found += self._guess_dead_zone(data, guesses[0][0])
+        if all(guess[self.parameters.index(COULOMB)] <= 0.0 for guess in found):
+            found.append(self._guess_some_friction(data))
         return tuple(
             guess
             for moving in found
@@ -127,6 +131,16 @@ class FirstOrder:
         if OFFSET not in self.parameters:
             return [held]
         return [np.insert(held, self.parameters.index(OFFSET), 0.0)] if cost < lowest else []
+
+    def _guess_some_friction(self, data: Sequence[Dataset]) -> Array:
+        """Guess as if without friction, of which the gain is that of a motor that loses a tenth of the largest input to it."""
+        from servobench.identification.models.search import separable_guesses
+
+        frictionless = FirstOrder(tuple(p for p in self.parameters if p != COULOMB))
+        guess = separable_guesses(frictionless, data)[0][1]
+        lost = _SOME_FRICTION * max(float(np.abs(record.u).max()) for record in data)
+        guess[0] /= 1.0 - _SOME_FRICTION
+        return np.insert(guess, self.parameters.index(COULOMB), lost)
 
     def starts(self, theta: Array, data: Dataset) -> tuple[Array, ...]:
         """Return start vectors (P + Q,) for a search of the nuisance parameters alone, with the parameters theta (P,) held.

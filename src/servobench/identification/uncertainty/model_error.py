@@ -45,9 +45,9 @@ _EXPERIENCE = f"{RECORDINGS} recordings of {MOTORS} motors"
 SOURCE: Final = "model error"
 _BINS = 400
 _LAGS = 120  # of the bins
-# Times what white noise makes: from there on model error counts, and counts whole. Ideal motors behind coarse encoders reach 2.1,
-# real ones that turn both ways are almost all above 2.5.
-_NOTICED, _PLAIN = 2.0, 3.0
+# Times what white noise makes: from there on model error counts, and counts whole. Of several events, ideal motors reach 3.0
+# and real ones begin at 5.9; of few, real ones are found from 2.2 on.
+_EVIDENT = {True: (3.0, 5.0), False: (2.0, 3.0)}
 _SEVERAL = 4.0  # events: with fewer, the figures for few are used
 _ONE = 2.0  # events: with fewer a record can't show its own model error
 _JUMP = 0.05  # of the input's range
@@ -103,7 +103,9 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     )
     influence = told @ root[:shared].T @ directions.T
     rounded = (
-        by_rounding(fit, influence) if float(np.max(of_coloured / of_white, initial=0.0)) > _NOTICED else None
+        by_rounding(fit, influence)
+        if float(np.max(of_coloured / of_white, initial=0.0)) > _EVIDENT[False][0]
+        else None
     )
     of_chance = of_white if rounded is None else np.maximum(of_white, np.sqrt(np.diag(rounded)))
     positive = of_white > 0
@@ -111,7 +113,7 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     starts = _stretches(fit)
     events = dict(zip(asked, _events(starts, influence), strict=True))
     known = {name: ONE_LEVEL if one_level else _experience(count) for name, count in events.items()}
-    shares = dict.fromkeys(asked, _evident(fit, ratio))
+    shares = dict.fromkeys(asked, _evident(fit, ratio, min(events.values())))
     # Friction shows at a few places of most records; a single event is one of gain or lag.
     if one_level or min(events["lag"], events["gain"]) < _ONE:
         for n in (n for n, name in enumerate(asked) if events[name] < _ONE):
@@ -147,12 +149,13 @@ def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
     return fit.widen(Contribution(source=SOURCE, covariance=added, reason=_reason(found, few), freedom=few))
 
 
-def _evident(fit: Fit, ratio: float) -> float:
+def _evident(fit: Fit, ratio: float, events: float) -> float:
     """How plainly a residual shows that the model is wrong (0 to 1): its long-run variance is large, or it follows the input."""
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
     if not counted and max(input_correlation(record) for record in fit.records) > TIED:
         return 1.0
-    return float(np.clip((ratio - _NOTICED) / (_PLAIN - _NOTICED), 0.0, 1.0))
+    noticed, plain = _EVIDENT[events >= _SEVERAL]
+    return float(np.clip((ratio - noticed) / (plain - noticed), 0.0, 1.0))
 
 
 def _experience(events: float) -> Experience:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +32,16 @@ from servobench.recordings.measurement.dataset import Dataset
 
 LIMIT = 5.0  # standard deviations of a normal number that is as improbable
 ASKED = 2.0  # below that the amount of a term isn't computed
-_SMALL = 1e-4  # of the largest input: the size of the extra input, small enough for the response to be linear in it
+SMALL: Final = 1e-4
+"""Of the largest input: the size of a term's extra input, small enough for the response to be linear in it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
     """What a motor did, at the same times: input and speed over their largest values, position, and how far the record is gone.
 
-    `gone` runs from -1 to 1; the position is in its own unit; `load` is what gravity takes by the model, over its largest value.
+    `gone` runs from -1 to 1; the position is in its own unit, and `fastest` is the largest speed in that unit per second; `load`
+    is what gravity takes by the model, over its largest value.
     """
 
     input: Array
@@ -46,6 +49,7 @@ class Motion:
     position: Array
     gone: Array
     load: Array
+    fastest: float
 
     @cached_property
     def _waves(self) -> list[NDArray[np.complex128]]:
@@ -152,7 +156,7 @@ class ScoreTest:
         amount = total @ bread
         if term.code == "ripple" and np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
             return plain
-        unit = 1.0 if term.to_input is None else _SMALL * self.runs[0].largest
+        unit = 1.0 if term.to_input is None else SMALL * self.runs[0].largest
         return replace(
             plain,
             size=size,
@@ -268,7 +272,7 @@ class _Run:
         added = []
         if term.to_input is not None:
             for extra in term.to_input(self.motion):
-                driving = self.plain.u + _SMALL * self.largest * extra
+                driving = self.plain.u + SMALL * self.largest * extra
                 output = simulate_output(self.fit.model.structure, self.theta, self.plain, driving)
                 added.append(output - self.without)
         if term.to_output is not None and self.record.data.kind == "position":
@@ -317,6 +321,7 @@ class _Run:
             position=position,
             load=load / (float(load.max(initial=0.0)) or 1.0),
             gone=2 * (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1,
+            fastest=top,
         )
 
 

@@ -17,23 +17,25 @@ _UNKNOWN = (
 _LATE = 0.01  # s; the same for loops that sample fast
 
 
-_LEAST = 50  # samples that a record needs to spare some
+_LEAST = 30  # samples that a record needs to spare some
+_DRIVEN = 0.02  # of the largest input: below that it is the offset of a measurement
 
 
 def without_unknown_input(data: Dataset) -> Dataset:
     """Return a record without the first outputs, which an input before the first row may have driven through a delay.
 
-    So it is where the shaft moves when the record begins, or sets off from rest under the input that the first row has already;
-    how long a delay may be nobody knows, and four samples or 10 ms, but at most a fiftieth of the samples beyond the four, are
-    left out. Where the input never changes there is nothing to be mistaken in, and a shaft that rests until it does was driven by
-    nothing.
+    So it is where the first row has an input already, which may have begun with that row or long before, where the shaft moves
+    when the record begins, or sets off before the input changes. How long a delay may be nobody knows: four samples or 10 ms, but
+    at most a fiftieth of the samples beyond the four, are left out. Where the input never changes there is nothing to be mistaken
+    in, and a shaft that rests until it does was driven by nothing.
     """
     most = max(_UNKNOWN, len(data.y) // 50)
     late = int(np.count_nonzero(data.t_output < data.t_output[0] + _LATE))
     left_out = min(max(_UNKNOWN, late), most)
     if not np.ptp(data.u) > 0 or len(data.y) < _LEAST:
         return data
-    if not (_moves_at_first(data, left_out) or _sets_off_unasked(data)):
+    driven = abs(data.u[0]) > _DRIVEN * float(np.abs(data.u).max())
+    if not (driven or _moves_at_first(data, left_out) or _sets_off_unasked(data)):
         return data
     return replace(
         data,

@@ -10,13 +10,30 @@ from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import directions, turns_both_ways
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.uncertainty.friction_near_rest import ExcessFriction
+
+_HARDLY = 0.05  # of the largest speed
+
+
+def hardly_turns_back(fit: Fit) -> bool:
+    """Return whether the motor that was fitted turns one way but for a few percent of its speed: noise may turn back as much.
+
+    Of a motor that turns one way friction can't be told from an offset, and where it rests is where a search ends by chance.
+    """
+    structure = fit.model.structure
+    if not isinstance(structure, ExcessFriction):
+        return False
+    vectors = [np.concatenate([fit.model.theta, record.nuisance]) for record in fit.records]
+    speed = np.concatenate([structure.speed(v, r.data) for v, r in zip(vectors, fit.records, strict=True)])
+    back, forth = sorted((float(-speed.min()), float(speed.max())))
+    return back < _HARDLY * forth
 
 
 def _one_way(fit: Fit) -> list[Finding]:
     """The meaning of the one lost voltage if the motor only turned one way."""
     if fit.structure not in ("first_order_one_way", "first_order_one_way_rest"):
         return []
-    if turns_both_ways([record.data for record in fit.records]):
+    if turns_both_ways([record.data for record in fit.records]) and not hardly_turns_back(fit):
         sentence = (
             f"The structure {fit.structure} is that of a motor that turns one way, and this one turns both ways: friction "
             "changes sign there, but not in this model. Use `structure=first_order_coulomb`, or leave the choice to the program."

@@ -1,0 +1,137 @@
+"""A winding that warms up and play in a gear are in the intervals, as far as the data leave room for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.uncertainty import possible_term
+from servobench.identification.uncertainty.possible_term import possible_covariance
+from servobench.identification.uncertainty.score_test import ScoreTest
+from servobench.identification.uncertainty.small_departures import with_small_departures
+from tests.datasets import dataset, prbs
+from tests.rig.motor.reference import Truth, march
+
+GAIN, TAU, COULOMB = 20.0, 0.1, 0.6  # rad/(s·V), s, V
+STEP, SAMPLES, SUBSTEPS = 0.01, 150, 100  # s, samples, steps in each
+RUNS = 20
+HALF_PLAY = float(np.deg2rad(0.1))
+
+
+def turned(u: NDArray[np.float64], warmer: float) -> NDArray[np.float64]:
+    """The angle of a motor that turns one way, whose resistance grows by a part of itself over the record, in steps of 0.1 ms.
+
+    τ dω/dt = K ((u - ω/K)/r - u_c), from its speed under the first input on.
+    """
+    angle, speed, h = 0.0, GAIN * (u[0] - COULOMB), STEP / SUBSTEPS
+    found = np.empty(len(u))
+    for n, volts in enumerate(u):
+        found[n] = angle
+        r = 1.0 + warmer * n / len(u)
+        for _ in range(SUBSTEPS):
+            new = speed + h / TAU * ((GAIN * volts - speed) / r - GAIN * COULOMB)
+            angle += 0.5 * h * (speed + new)
+            speed = new
+    return found
+
+
+def played(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The angle behind a gap: it rests until the gap is used up, then follows."""
+    found, at = np.empty(len(angle)), angle[0]
+    for n, value in enumerate(angle):
+        at = min(max(at, value - HALF_PLAY), value + HALF_PLAY)
+        found[n] = at
+    return found
+
+
+def fitted(y: NDArray[np.float64], u: NDArray[np.float64], seed: int, structure: str, noise: float) -> Fit:
+    read = y + noise * np.random.default_rng(seed).standard_normal(len(y))
+    data = replace(dataset(seed=seed, u=u, samples=len(u), sample_time=STEP, y=read), quantum=None)
+    return ESTIMATORS["output_error"].fit(STRUCTURES[structure], [data])
+
+
+def warmed(seed: int, warmer: float, noise: float = 2e-3) -> Fit:
+    """A record of two levels, 1.5 and 3 V, three to five times each."""
+    random = np.random.default_rng(seed)
+    u = np.where((np.arange(SAMPLES) + random.integers(0, 40)) % 40 < 20, 3.0, 1.5)
+    return fitted(turned(u, warmer), u, seed, "first_order_one_way", noise)
+
+
+def geared(seed: int, plays: bool) -> Fit:
+    """The reference motor both ways, over a few turns."""
+    u = 0.3 * prbs(SAMPLES, 10, np.random.default_rng(seed)) / 3.0
+    angle = march(Truth(), u, STEP, step=2e-5)[:, 2]
+    return fitted(played(angle) if plays else angle, u, seed, "first_order_coulomb", 3e-4)
+
+
+def far_off(fits: list[Fit], gain: float) -> int:
+    """How many gains are more than the three standard deviations off that a trusted one may be."""
+    return sum(abs(fit["gain"].value - gain) > 3.0 * fit["gain"].sd for fit in fits)
+
+
+def test_the_line_allows_for_a_winding_that_warms_up() -> None:
+    """By 5 %."""
+    fits = [warmed(seed, 0.05) for seed in range(RUNS)]
+
+    assert far_off(fits, GAIN) > RUNS // 4
+    assert far_off([with_small_departures(fit) for fit in fits], GAIN) == 0
+    assert "a motor that warms up" in {line.source for line in with_small_departures(fits[0]).budget}
+
+
+def test_the_line_allows_for_play() -> None:
+    """Of 0.2°; K = k/(k² + R b)."""
+    truth = Truth()
+    gain = truth.motor_constant / (truth.motor_constant**2 + truth.resistance * truth.viscous_friction)
+    fits = [geared(seed, plays=True) for seed in range(RUNS)]
+
+    assert far_off(fits, gain) > RUNS // 4
+    assert far_off([with_small_departures(fit) for fit in fits], gain) == 0
+    assert "play" in {line.source for line in with_small_departures(fits[0]).budget}
+
+
+def test_a_motor_that_turns_one_way_shows_no_play() -> None:
+    assert "play" not in {line.source for line in with_small_departures(warmed(0, 0.0)).budget}
+
+
+@pytest.mark.parametrize("plays", [True, False])
+def test_where_there_is_none_and_the_data_show_it_they_add_little(plays: bool) -> None:
+    """On average over 6 records, with readings good enough to tell a departure of a tenth of the largest."""
+    fits = [geared(seed, plays=False) if plays else warmed(seed, 0.0, noise=1e-4) for seed in range(6)]
+
+    wider = [with_small_departures(fit)["gain"].sd / fit["gain"].sd for fit in fits]
+
+    assert float(np.sqrt(np.mean(np.square(wider)))) < 1.33
+
+
+def test_before_any_data_the_size_has_its_prior() -> None:
+    """A column that is a millionth of the noise says nothing: three quarters none, else uniform up to the largest."""
+    fit = warmed(2, 0.0)
+    test = ScoreTest(fit, 3.0)
+    column = 1e-6 * np.random.default_rng(1).standard_normal(len(test.innovations))
+
+    off = test.joint_shift(column)[: len(fit.model.theta)]
+
+    added = possible_covariance(test, column)
+    assert added == pytest.approx(np.outer(off, off) / 12.0, rel=0.02)  # ¼ · ⅓, on 101 sizes
+    assert pytest.approx(1.0 / 12.0, rel=0.02) == possible_term.BEFORE**2
+
+
+def test_a_size_that_the_data_show_is_the_one_that_counts() -> None:
+    """Half of the largest, at 40 standard deviations."""
+    fit = warmed(3, 0.0)
+    random = np.random.default_rng(2)
+    column = random.standard_normal(len(ScoreTest(fit, 3.0).innovations))
+    column *= 80.0 / np.linalg.norm(column)
+    (record,) = fit.records
+    shown = replace(fit, records=(replace(record, innovations=record.innovations + 0.5 * column),))
+    test = ScoreTest(shown, 3.0)
+
+    off = test.joint_shift(column)[: len(fit.model.theta)]
+
+    # Known to a fortieth of itself, by the part of the column that no parameter explains, and colour left as it is.
+    assert possible_covariance(test, column) == pytest.approx(0.25 * np.outer(off, off), rel=0.15)
