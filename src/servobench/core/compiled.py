@@ -43,6 +43,14 @@ def _keep_apart(typing: Any) -> Any:
     return types.none(), codegen
 
 
+def compiled_for_numbers(function: F) -> F:
+    """Compile as `compiled` does, for values that are finite all the way: what NaN does to a result isn't defined.
+
+    A minimum is then one instruction, and loops over lanes become vectors.
+    """
+    return _compile(function, fastmath={"contract", "nsz", "nnan"}, _nrt=True)
+
+
 keep_apart: Callable[[], None] = cast(Any, intrinsic)(_keep_apart)
 """Keep the kernel that calls this from being compiled into its callers, where its sums might be rounded otherwise."""
 
