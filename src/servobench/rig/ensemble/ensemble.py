@@ -53,8 +53,9 @@ class Ensemble:
 
     `parameters` has the true parameters of each motor and `outcomes` what they make: gain and time constant; with a controller
     the phase margin, and for a step of its reference overshoot and settling time; each (n,), NaN where a motor has none. `final`
-    is each motor's current [A], speed [rad/s] and angle [rad] at the end (3, n); `seed` drew them. `nominal` are the outcomes of the motor without
-    tolerances, `sensitivities` which tolerance moves them and by how much, `bands` speed and position over time.
+    is each motor's current [A], speed [rad/s] and angle [rad] at the end (3, n). `nominal` are the outcomes of the motor without
+    tolerances, `sensitivities` which tolerance moves them and by how much, `bands` speed and position over time; `seed` drew
+    the motors.
     """
 
     experiment: Experiment
