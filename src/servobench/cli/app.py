@@ -17,6 +17,7 @@ from servobench.cli.controllers import controllers
 from servobench.cli.convert import convert
 from servobench.cli.design import design
 from servobench.cli.devices import devices
+from servobench.cli.ensemble import ensemble
 from servobench.cli.estimators import estimators
 from servobench.cli.export import export
 from servobench.cli.exports import exports
@@ -89,6 +90,7 @@ for command in (
     tune,
     stability,
     honest,
+    ensemble,
     inspect,
     export,
     convert,
