@@ -1,4 +1,4 @@
-"""Identify the simulated motors of an ensemble from their counts, and hold the intervals against the truth."""
+"""Identify the simulated motors of an ensemble from their recordings, and hold the intervals against the truth."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ UNITS: Mapping[str, str] = {"gain": "rad/(s·V)", "time_constant": "s", "coulomb
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifiedMotor:
-    """What the estimator found of one motor: its verdict, or why there is none, and (value, sd, low, high) of each parameter.
+    """What the estimator found of one motor: its verdict, or the `reason` why there is none.
 
-    `number` is the motor's in the ensemble.
+    `number` is the motor's in the ensemble, `values` has (value, sd, low, high) of each parameter that is known.
     """
 
     number: int
@@ -62,7 +62,7 @@ class Coverage:
 
 
 def identify_ensemble(ensemble: Ensemble, workers: int | None = None) -> Iterator[IdentifiedMotor]:
-    """Yield what the estimator finds of each motor, in their order; each is simulated again where it is identified.
+    """Yield what the estimator finds of each motor, in their order; each is run by itself where it is identified.
 
     `workers` is the number of processes, by default one for each processor; what is found doesn't depend on it. A script that
     calls this has to do it below `if __name__ == "__main__":`.

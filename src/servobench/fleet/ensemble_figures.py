@@ -20,6 +20,9 @@ from servobench.rig.ensemble.sensitivity import Sensitivity
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+SHOWN_IN = {"overshoot": (100.0, "%"), "phase_margin": (180 / np.pi, "°")}
+"""Outcomes that people read in another unit than it is computed in: the factor, and that unit."""
+
 _HEIGHT = 210.0
 _ROW = 34.0
 _NAMES = 116.0  # px for the parameters' names
@@ -47,17 +50,19 @@ def spreads(ensemble: Ensemble) -> dict[str, Illustration]:
         if len(known) < 2:
             continue
         words, unit = parameter_in_words(name), UNITS[name]
-        shown = axis_range(known, ())
-        low, high = (with_unit(float(end), unit) for end in (known.min(), known.max()))
+        factor, axis = SHOWN_IN.get(name, (1.0, unit))
+        drawn = factor * known
+        shown = axis_range(drawn, ())
+        low, high = (with_unit(float(end), axis) for end in (drawn.min(), drawn.max()))
         nominal = ensemble.nominal[name]
-        lines = (nominal,) if np.isfinite(nominal) else ()
+        lines = (factor * nominal,) if np.isfinite(nominal) else ()
         found[name] = Illustration(
             name=f"spread-{name.replace('_', '-')}",
             title=f"Spread of the {words}",
             caption=f"{count_text(len(known), 'motor')}, {low} to {high}."
             + (" The dashed line is the motor without tolerances." if lines else ""),
             description=f"The {words} lies between {low} and {high}.",
-            draw=partial(histogram, np.clip(known, *shown), shown, lines, unit, label="nominal"),
+            draw=partial(histogram, np.clip(drawn, *shown), shown, lines, axis, label="nominal"),
         )
     return found
 
@@ -77,7 +82,7 @@ def tornado(ensemble: Ensemble, outcome: str) -> Illustration | None:
         title=f"What moves the {words}",
         caption="Each bar is one parameter from the lower end of its tolerance (grey) to the upper end (blue).",
         description=f"The {words} with each parameter at either end of its tolerance: {told}.",
-        draw=partial(_tornado, rows, nominal, UNITS[outcome]),
+        draw=partial(_tornado, rows, nominal, *SHOWN_IN.get(outcome, (1.0, UNITS[outcome]))),
     )
 
 
@@ -93,9 +98,7 @@ def _bands(bands: Bands, style: Style) -> Figure:
     figure = sheet(style, _HEIGHT)
     box = whole(style, _HEIGHT)
     ax = axes(figure, box, style.palette, f"{bands.name.capitalize()} ({symbol})")
-    t = np.concatenate([[0.0], bands.t])
-    start = bands.values[:, :1] if bands.name == "position" else np.zeros((5, 1))
-    y = np.concatenate([start, bands.values], axis=1) / factor
+    t, y = bands.t, bands.values / factor
     ax.fill_between(t, y[0], y[4], color=style.palette.band, linewidth=0, label="90 %")
     ax.fill_between(t, y[1], y[3], color=style.palette.measured, linewidth=0, label="half")
     ax.plot(t, y[2], color=style.palette.model, linewidth=1.2, label="median")
@@ -105,10 +108,10 @@ def _bands(bands: Bands, style: Style) -> Figure:
     return figure
 
 
-def _tornado(rows: Sequence[Sensitivity], nominal: float, unit: str, style: Style) -> Figure:
-    factor, symbol = handy_unit(
-        unit, max(abs(nominal), *(abs(x) for row in rows for x in (row.low, row.high)))
-    )
+def _tornado(rows: Sequence[Sensitivity], nominal: float, per_unit: float, unit: str, style: Style) -> Figure:
+    largest = max(abs(nominal), *(abs(x) for row in rows for x in (row.low, row.high)))
+    factor, symbol = handy_unit(unit, per_unit * largest)
+    factor /= per_unit
     palette, height = style.palette, _ROW * len(rows)
     figure = sheet(style, height + TITLE + BOTTOM + 4)
     box = Box(left=_NAMES, top=4 + TITLE, width=style.width - _NAMES - RIGHT, height=height, indent=_NAMES)

@@ -15,10 +15,10 @@ from servobench._version import __version__
 from servobench.core.channels import Array
 from servobench.core.errors import StorageError
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import count_text, plain, with_unit
+from servobench.core.rounding import SPACE, count_text, handy_unit, plain, with_unit
 from servobench.fleet.ensemble import UNITS as JUDGED_UNITS
 from servobench.fleet.ensemble import Coverage, IdentifiedMotor, coverages
-from servobench.fleet.ensemble_figures import bands_over_time, spreads, tornado
+from servobench.fleet.ensemble_figures import SHOWN_IN, bands_over_time, spreads, tornado
 from servobench.rig.ensemble.ensemble import QUANTILES, Ensemble
 from servobench.rig.ensemble.outcomes import UNITS
 from servobench.rig.ensemble.sensitivity import Sensitivity
@@ -47,6 +47,7 @@ def html_of(ensemble: Ensemble, found: Sequence[IdentifiedMotor], command: str) 
             name.replace("_", "-"),
             [single(each) for each in (spread.get(name), tornado(ensemble, name)) if each],
             remark(ensemble, name),
+            [share_row(ensemble, each) for each in ensemble.sensitivities if each.outcome == name],
         )
         for name in ensemble.outcomes
         if name in spread or tornado(ensemble, name)
@@ -59,7 +60,6 @@ def html_of(ensemble: Ensemble, found: Sequence[IdentifiedMotor], command: str) 
         tolerances=[str(each) for each in ensemble.tolerances],
         sentences=sentences(ensemble),
         outcomes=[outcome_row(ensemble, name) for name in ensemble.outcomes],
-        shares=[(share_row(ensemble, each)) for each in ensemble.sensitivities],
         bands=[single(each) for each in bands_over_time(ensemble)],
         drawn=drawn,
         coverages=[coverage_text(each) for each in coverages(ensemble, found)],
@@ -82,7 +82,7 @@ def sentences(ensemble: Ensemble) -> list[str]:
             if _is_worth_a_word(each, ensemble.nominal[name])
         ]
         half = (
-            f"±{plain(100 * tolerance.relative, 3)} %"
+            f"±{plain(100 * tolerance.relative, 3)}{SPACE}%"
             if tolerance.value
             else f"±{with_unit(tolerance.half, tolerance.unit, 3)}"
         )
@@ -98,22 +98,23 @@ def effect_text(each: Sensitivity, nominal: float) -> str:
     sign, effect = "∓" if each.effect < 0 else "±", abs(each.effect)
     if not math.isfinite(effect):
         return "an unknown amount"
+    if effect == 0:
+        return "nothing"
     if each.outcome == "overshoot":
-        return f"{sign}{plain(100 * effect, 2)} percentage points"
+        return f"{sign}{plain(100 * effect, 2)}{SPACE}percentage points"
     if each.outcome == "phase_margin":
         return f"{sign}{plain(math.degrees(effect), 2)}°"
-    return f"{sign}{plain(100 * effect / abs(nominal), 2)} %"
+    return f"{sign}{plain(100 * effect / abs(nominal), 2)}{SPACE}%"
 
 
-def value_text(name: str, value: float) -> str:
-    """Return a value of an outcome as people write it: an overshoot in per cent, a phase in degrees."""
+def value_text(ensemble: Ensemble, name: str, value: float) -> str:
+    """Return a value of an outcome as people write it: an overshoot in per cent, a phase in degrees, all of one in one unit."""
     if not math.isfinite(value):
         return "none"
-    if name == "overshoot":
-        return f"{plain(100 * value, 3)} %"
-    if name == "phase_margin":
-        return f"{plain(math.degrees(value), 3)}°"
-    return with_unit(value, UNITS[name])
+    factor, unit = SHOWN_IN.get(name, (1.0, UNITS[name]))
+    usual = ensemble.nominal[name] if math.isfinite(ensemble.nominal[name]) else value
+    handy, symbol = handy_unit(unit, abs(factor * usual))
+    return f"{plain(factor * value / handy)}{'' if symbol == '°' else SPACE}{symbol}"
 
 
 def outcome_row(ensemble: Ensemble, name: str) -> tuple[str, ...]:
@@ -123,21 +124,20 @@ def outcome_row(ensemble: Ensemble, name: str) -> tuple[str, ...]:
     at = np.quantile(known, (QUANTILES[0], 0.5, QUANTILES[-1])) if len(known) else np.full(3, math.nan)
     return (
         parameter_in_words(name),
-        value_text(name, ensemble.nominal[name]),
-        *(value_text(name, float(each)) for each in at),
+        value_text(ensemble, name, ensemble.nominal[name]),
+        *(value_text(ensemble, name, float(each)) for each in at),
         str(len(known)),
     )
 
 
 def share_row(ensemble: Ensemble, each: Sensitivity) -> tuple[str, ...]:
-    """Return an outcome, a parameter, the outcome at both ends, the effect, and the share of the variance."""
+    """Return a parameter, the outcome at both ends of its tolerance, the effect, and the share of the outcome's variance."""
     return (
-        parameter_in_words(each.outcome),
         parameter_in_words(each.parameter),
-        value_text(each.outcome, each.low),
-        value_text(each.outcome, each.high),
+        value_text(ensemble, each.outcome, each.low),
+        value_text(ensemble, each.outcome, each.high),
         effect_text(each, ensemble.nominal[each.outcome]),
-        f"{plain(100 * each.share, 2)} %" if math.isfinite(each.share) else "",
+        f"{plain(100 * each.share, 2)}{SPACE}%" if math.isfinite(each.share) else "",
     )
 
 

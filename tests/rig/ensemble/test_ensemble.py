@@ -156,7 +156,7 @@ def test_the_bands_enclose_the_shares_that_they_say() -> None:
     motors = ensemble("qube_servo_2", SHORT, 400, FIVE)
 
     speed = motors.bands[0]
-    assert speed.values.shape == (5, 50)
+    assert speed.values.shape == (5, 51)
     assert (np.diff(speed.values, axis=0) >= 0).all()
     below = [(motors.final[1] < line).mean() for line in speed.values[:, -1]]
     assert below == pytest.approx([0.05, 0.25, 0.5, 0.75, 0.95], abs=1 / 400)

@@ -13,9 +13,11 @@ from servobench.core.arguments import check_type, text_of_value
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.json_numbers import finite
+from servobench.recordings.recording import Recording
 from servobench.rig.devices.twin import TwinSettings
 from servobench.rig.ensemble.motors import Motors
 from servobench.rig.ensemble.outcomes import UNITS, outcomes_of
+from servobench.rig.ensemble.records import recording_of
 from servobench.rig.ensemble.sensitivity import Sensitivity, ends_of, sensitivities
 from servobench.rig.ensemble.simulation import check_can_be_simulated, simulate
 from servobench.rig.ensemble.tolerances import (
@@ -32,6 +34,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 MOST = 200_000
 """The largest number of motors; they take 5 kB of memory each."""
 _LOOKS = 200
+_MOST_COUNTS = 1_000_000_000  # 2 GB
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +58,8 @@ class Ensemble:
     the phase margin, and for a step of its reference overshoot and settling time; each (n,), NaN where a motor has none. `final`
     is each motor's current [A], speed [rad/s] and angle [rad] at the end (3, n). `nominal` are the outcomes of the motor without
     tolerances, `sensitivities` which tolerance moves them and by how much, `bands` speed and position over time; `seed` drew
-    the motors.
+    the motors. If asked for, `counts` (n, N) are the encoder's at each tick, in 16 bits, and `applied` [V] the voltage from then on:
+    (N,), the same for all, or (n, N).
     """
 
     experiment: Experiment
@@ -68,6 +72,8 @@ class Ensemble:
     sensitivities: tuple[Sensitivity, ...]
     bands: tuple[Bands, ...]
     final: Array
+    counts: Array | None = None
+    applied: Array | None = None
 
     def __len__(self) -> int:
         """The number of motors."""
@@ -76,6 +82,16 @@ class Ensemble:
     def __repr__(self) -> str:
         """How many motors, and their tolerances."""
         return f"<Ensemble of {len(self)} motors: {', '.join(map(str, self.tolerances)) or 'all alike'}>"
+
+    def recording(self, number: int) -> Recording:
+        """Return the recording of one of the motors, a run of a twin that is this motor, from which it can be identified.
+
+        Raises `UsageError` for a number of none.
+        """
+        if not 0 <= number < len(self):
+            raise UsageError(f"number is {number}; expected one from 0 to {len(self) - 1}")
+        own = {name: float(values[number]) for name, values in self.parameters.items()}
+        return recording_of(own, number, self.experiment, self.motor, self.seed)
 
     def explained(self, outcome: str) -> float:
         """Return the part of an outcome's variance over the motors that straight lines through the tolerances explain.
@@ -132,6 +148,7 @@ def ensemble(
     *,
     seed: int = 0,
     threads: int | None = None,
+    counts: bool = False,
     progress: Callable[[float], object] = lambda _: None,
 ) -> Ensemble:
     """Simulate an experiment on n motors with tolerances, and say which tolerance matters.
@@ -140,7 +157,7 @@ def ensemble(
     tolerance for each parameter that has one: a part of its value (0.1 or "10%"), or a half width with its unit
     ("2e-4 N*m"); a motor's value lies evenly within. `seed` draws the motors and their random torques, each motor
     the same in a small ensemble and in a large one; the result doesn't depend on `threads`, by default one for each processor.
-    `progress` is told the part that is done.
+    With `counts` those of the encoder and the voltages are kept, too. `progress` is told the part that is done.
 
     The encoder, the amplifier's limit and dead band, the limits of voltage and slew and the control law are those of a run; a
     tick in which the shaft stops or turns back is exact to first order, and nothing ends a run before its time.
@@ -159,18 +176,31 @@ def ensemble(
     if threads is not None:
         _check_count("threads", threads, 1024)
     check_can_be_simulated(experiment, twin)
+    if counts and n * (experiment.samples or 0) > _MOST_COUNTS:
+        raise UsageError(
+            f"counts of {n} motors at {experiment.samples} ticks are too many to keep; expected at most {_MOST_COUNTS} together"
+        )
     tolerances = tolerances_of(twin, spread)
     series = float(twin.amplifier_resistance)
     motors = Motors(parameters=draw_motors(twin, tolerances, n, seed), series=series)
     looks = look_ticks(experiment)
-    course = simulate(motors, experiment, twin, seed=seed, looks=looks, threads=threads, progress=progress)
+    course = simulate(
+        motors,
+        experiment,
+        twin,
+        seed=seed,
+        looks=looks,
+        recorded=counts,
+        threads=threads,
+        progress=progress,
+    )
     ends = Motors(parameters=ends_of(nominal_values(twin), tolerances), series=series)
     quiet = twin.model_copy(update={"torque_noise": 0.0})
     at_ends = outcomes_of(
         ends, simulate(ends, experiment, quiet, seed=seed, looks=looks[-1:], threads=1), experiment
     )
     outcomes = outcomes_of(motors, course, experiment)
-    t = looks * experiment.sample_time
+    t = np.concatenate([[0.0], looks * experiment.sample_time])
     return Ensemble(
         experiment=experiment,
         motor=twin,
@@ -180,8 +210,13 @@ def ensemble(
         outcomes=outcomes,
         nominal={name: float(at_ends[name][0]) for name in outcomes if name in at_ends},
         sensitivities=sensitivities(tolerances, at_ends),
-        bands=(_bands("speed", "rad/s", t, course.states[1]), _bands("position", "rad", t, course.states[2])),
+        bands=(
+            _bands("speed", "rad/s", t, 0.0, course.states[1]),
+            _bands("position", "rad", t, twin.start_angle, course.states[2]),
+        ),
         final=course.states[:, -1].copy(),
+        counts=course.counts,
+        applied=course.voltages if counts else None,
     )
 
 
@@ -191,8 +226,9 @@ def look_ticks(experiment: Experiment) -> Array:
     return np.unique(np.linspace(0, ticks, min(_LOOKS, ticks) + 1).round().astype(np.int64)[1:])
 
 
-def _bands(name: str, unit: str, t: Array, values: Array) -> Bands:
-    return Bands(name=name, unit=unit, t=t, values=np.quantile(values, QUANTILES, axis=1))
+def _bands(name: str, unit: str, t: Array, start: float, values: Array) -> Bands:
+    later = np.quantile(values, QUANTILES, axis=1)
+    return Bands(name=name, unit=unit, t=t, values=np.concatenate([np.full((5, 1), start), later], axis=1))
 
 
 def _twin(motor: object) -> TwinSettings:
