@@ -58,8 +58,8 @@ class Ensemble:
     the phase margin, and for a step of its reference overshoot and settling time; each (n,), NaN where a motor has none. `final`
     is each motor's current [A], speed [rad/s] and angle [rad] at the end (3, n). `nominal` are the outcomes of the motor without
     tolerances, `sensitivities` which tolerance moves them and by how much, `bands` speed and position over time; `seed` drew
-    the motors. If asked for, `counts` (n, N) are the encoder's at each tick, in 16 bits, and `applied` [V] the voltage from then on:
-    (N,), the same for all, or (n, N).
+    the motors. If asked for, `counts` (n, N) are the encoder's at each tick, in 16 bits, and `applied` [V] the voltage from then
+    on: (N,), the same for all, or (n, N).
     """
 
     experiment: Experiment
