@@ -6,12 +6,13 @@ import json
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
+from secrets import randbits
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from servobench.cli.failures import DONE, PartialStop
-from servobench.cli.options import AsJson
+from servobench.cli.options import AsJson, Seed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from servobench.rig.devices.twin import TwinSettings
     from servobench.rig.ensemble.ensemble import Ensemble
     from servobench.rig.experiment import Experiment
+
+_SEED_BITS = 32  # of a random one: short enough to type again
 
 
 def ensemble(
@@ -37,9 +40,7 @@ def ensemble(
         ),
     ] = None,
     count: Annotated[int, typer.Option(metavar="N", help="How many motors.")] = 1000,
-    seed: Annotated[
-        int, typer.Option(metavar="N", min=0, help="The seed that draws the motors and their random torques.")
-    ] = 0,
+    seed: Seed = None,
     threads: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, max=256, help="How many processors work; by default all."),
@@ -70,14 +71,14 @@ def ensemble(
     from servobench.cli.run import experiment_asked_for
     from servobench.cli.terminal import messages, output, print_json, say
 
-    asked = experiment_asked_for(experiment, None, None, None)
+    asked = experiment_asked_for(experiment, None, seed, None)
     motor = _motor(asked, experiment)
     wanted = _tolerances(spread or ())
     console = messages() if as_json else output()
     with empty_folder(out, "ensemble", datetime.now()) as folder:
         found: list[IdentifiedMotor] = []
         with Progress() as progress, announce_compiling(progress):
-            made = _simulate(motor, asked, count, wanted, seed, threads, progress)
+            made = _simulate(motor, asked, count, wanted, threads, progress)
             _write(folder, "experiment.toml", asked.to_toml())
             stopped = identify and _identify(made, threads, progress, found)
             document = _keep(made, found, folder, context.obj or "", progress)
@@ -97,13 +98,13 @@ def _simulate(
     asked: Experiment,
     count: int,
     wanted: dict[str, str],
-    seed: int,
     threads: int | None,
     progress: Progress,
 ) -> Ensemble:
     from servobench.core.rounding import count_text
     from servobench.rig.ensemble.ensemble import ensemble as simulated
 
+    seed = randbits(_SEED_BITS) if asked.seed is None else asked.seed
     progress.begin(f"simulating {count_text(count, 'motor')}")
     return simulated(motor, asked, count, wanted, seed=seed, threads=threads, progress=progress.advance)
 

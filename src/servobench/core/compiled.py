@@ -43,7 +43,7 @@ def _keep_apart(typing: Any) -> Any:
     return types.none(), codegen
 
 
-def compiled_for_numbers(function: F) -> F:
+def loosely_compiled(function: F) -> F:
     """Compile as `compiled` does, for values that are finite all the way: what NaN does to a result isn't defined.
 
     A minimum is then one instruction, and loops over lanes become vectors.

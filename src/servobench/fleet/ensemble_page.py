@@ -88,7 +88,9 @@ def sentences(ensemble: Ensemble) -> list[str]:
         )
         what = f"{half} of the {parameter_in_words(tolerance.name)}"
         told.append(
-            f"{what} moves {_joined(moved)}." if moved else f"{what} moves none of these by as much as 0.1 %."
+            f"{what} moves {_list_in_words(moved)}."
+            if moved
+            else f"{what} moves none of these by as much as 0.1 %."
         )
     return told
 
@@ -143,13 +145,13 @@ def share_row(ensemble: Ensemble, each: Sensitivity) -> tuple[str, ...]:
 
 def remark(ensemble: Ensemble, name: str) -> str:
     """Return what to know about an outcome's shares: that they are rough, or how many motors have none; empty for nothing."""
-    values, explained = ensemble.outcomes[name], ensemble.explained(name)
+    values, by_lines = ensemble.outcomes[name], ensemble.linear_share(name)
     lacking = int((~np.isfinite(values)).sum())
     told = f"{count_text(lacking, 'motor')} {'has' if lacking == 1 else 'have'} none. " if lacking else ""
     if lacking and name == "settling_time":
         told = f"{count_text(lacking, 'motor')} didn't settle within the experiment. "
-    if math.isfinite(explained) and abs(explained - 1) > _ROUGH and len(values) > 100:
-        told += f"Straight lines make {plain(100 * explained, 2)} % of the variance among these motors: the shares are rough."
+    if math.isfinite(by_lines) and abs(by_lines - 1) > _ROUGH and len(values) > 100:
+        told += f"Straight lines make {plain(100 * by_lines, 2)} % of the variance among these motors: the shares are rough."
     return told.strip()
 
 
@@ -197,5 +199,5 @@ def _is_worth_a_word(each: Sensitivity, nominal: float) -> bool:
     return math.isfinite(each.effect) and math.isfinite(nominal) and abs(each.effect) >= _LITTLE * size
 
 
-def _joined(words: Sequence[str]) -> str:
+def _list_in_words(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

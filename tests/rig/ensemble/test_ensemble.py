@@ -66,7 +66,7 @@ def test_shares_of_the_variance_are_those_of_calculus() -> None:
         each.parameter: each.share for each in motors.sensitivities if each.outcome == "gain"
     } == pytest.approx({"motor_constant": 1.0, "resistance": 0.0, "inertia": 0.0}, abs=1e-12)
     # A sample variance of 4000 has a standard deviation of at most √(2/4000) = 2.2 % of itself; three of them.
-    assert motors.explained("time_constant") == pytest.approx(1.0, abs=0.067)
+    assert motors.linear_share("time_constant") == pytest.approx(1.0, abs=0.067)
 
 
 def test_the_draws_fill_the_tolerance_evenly_and_leave_the_rest_alone() -> None:

@@ -93,7 +93,7 @@ class Ensemble:
         own = {name: float(values[number]) for name, values in self.parameters.items()}
         return recording_of(own, number, self.experiment, self.motor, self.seed)
 
-    def explained(self, outcome: str) -> float:
+    def linear_share(self, outcome: str) -> float:
         """Return the part of an outcome's variance over the motors that straight lines through the tolerances explain.
 
         Far from 1 it says that the outcome bends within the tolerances, or hangs on the random torque, and that the shares of
@@ -136,7 +136,7 @@ class Ensemble:
             "nominal": self.nominal[name],
             "known": len(known),
             "quantiles": {f"{100 * q:g}": x for q, x in zip(QUANTILES, quantiles, strict=True)},
-            "explained": self.explained(name),
+            "linear_share": self.linear_share(name),
         }
 
 
@@ -175,6 +175,8 @@ def ensemble(
     _check_count("seed", seed, 2**63, least=0)
     if threads is not None:
         _check_count("threads", threads, 1024)
+    check_type("counts", counts, bool, "True or False")
+    _begin(progress)
     check_can_be_simulated(experiment, twin)
     if counts and n * (experiment.samples or 0) > _MOST_COUNTS:
         raise UsageError(
@@ -238,6 +240,15 @@ def _twin(motor: object) -> TwinSettings:
     twin = TwinSettings(motor=str(motor))
     twin.data_sheet  # noqa: B018  # raises UnknownName, which lists the known ones
     return twin
+
+
+def _begin(progress: Callable[[float], object]) -> None:
+    try:
+        progress(0.0)
+    except TypeError as error:
+        raise UsageError(
+            f"progress is {text_of_value(progress)}; expected a function that takes the part that is done: {error}"
+        ) from error
 
 
 def _check_count(name: str, value: object, most: int, *, least: int = 1) -> None:

@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.compiled import compiled, compiled_for_numbers
+from servobench.core.compiled import compiled, loosely_compiled
 from servobench.rig.ensemble.lanes import LANES, lanes
 from servobench.systems.control import kernels as laws
 
@@ -129,7 +129,7 @@ def hold(physics: Array, h: float, noise: float, c: Array, unsolved: Array) -> N
         c[SHOCK, n] = c[T1, n] / j * noise / math.sqrt(h)
 
 
-@compiled_for_numbers
+@loosely_compiled
 def drive(
     c: Array,
     voltages: Array,
