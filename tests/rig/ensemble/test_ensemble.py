@@ -145,7 +145,7 @@ def test_the_normal_numbers_are_normal_and_independent() -> None:
 
     keys = np.empty(100, np.uint64)
     kernels.keys_of(np.uint64(5), keys)
-    numbers = np.array([[kernels.normal(key, tick) for tick in range(200)] for key in keys])
+    numbers = np.array([np.ravel([kernels.normal_pair(key, pair) for pair in range(100)]) for key in keys])
 
     assert kstest(numbers.ravel(), "norm").pvalue > 1e-3
     for one, other in ((numbers[:, :-1], numbers[:, 1:]), (numbers[:-1], numbers[1:])):

@@ -51,14 +51,13 @@ def mix(z: np.uint64) -> np.uint64:
 
 
 @compiled
-def normal(key: np.uint64, tick: int) -> float:
-    """Return the standard normal number of a tick: the cosine of a pair for an even one, its sine for the odd one after it."""
-    pair = np.uint64(tick) & ~np.uint64(1)
-    one = mix(key + (pair + np.uint64(1)) * _GOLD)
-    other = mix(key + (pair + np.uint64(2)) * _GOLD)
+def normal_pair(key: np.uint64, pair: int) -> tuple[float, float]:
+    """Return the standard normal numbers of two ticks, 2 `pair` and the one after it."""
+    one = mix(key + np.uint64(2 * pair + 1) * _GOLD)
+    other = mix(key + np.uint64(2 * pair + 2) * _GOLD)
     radius = math.sqrt(-2.0 * math.log((np.float64(one >> np.uint64(11)) + 1.0) * _TO_UNIT))
     angle = 2.0 * math.pi * np.float64(other >> np.uint64(11)) * _TO_UNIT
-    return radius * (math.sin(angle) if tick & 1 else math.cos(angle))
+    return radius * math.cos(angle), radius * math.sin(angle)
 
 
 @compiled
@@ -148,7 +147,7 @@ def drive(
     a00, a01, b0, a10, a11, b1 = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
     t0, t1, tb, c1, g, q = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
     limit, scale, current, speed, theta = lanes(), lanes(), lanes(), lanes(), lanes()
-    shocks = lanes()
+    shocks, later = lanes(), lanes()
     for block in range(first, last):
         start = block * LANES
         for j in range(LANES):
@@ -165,7 +164,11 @@ def drive(
                 u = voltages[tick]
                 if keys is not None:
                     for j in range(LANES):
-                        shocks[j] = c[SHOCK, start + j] * normal(keys[start + j], tick)
+                        if tick & 1:
+                            shocks[j] = later[j]
+                        else:
+                            one, other = normal_pair(keys[start + j], tick // 2)
+                            shocks[j], later[j] = c[SHOCK, start + j] * one, c[SHOCK, start + j] * other
                 for j in range(LANES):
                     if counts is not None:
                         counts[block, tick, j] = np.int16(np.int32(math.floor(theta[j] * scale[j])))
@@ -213,7 +216,7 @@ def loops(
     own = gains.copy()
     for m in range(first * LANES, last * LANES):
         i, w, theta, applied, x = 0.0, 0.0, angle, p[BEGUN], x0.copy()
-        peak, settled, look = -math.inf, 0.0, 0
+        peak, settled, look, next_shock = -math.inf, 0.0, 0, 0.0
         own[laws.LOWEST], own[laws.HIGHEST] = (
             max(gains[laws.LOWEST], -c[LIMIT, m]),
             min(gains[laws.HIGHEST], c[LIMIT, m]),
@@ -237,7 +240,10 @@ def loops(
             if voltages is not None:
                 voltages[m, tick] = applied
             v = applied - max(-p[DEAD_BAND], min(p[DEAD_BAND], applied))
-            shock = 0.0 if keys is None else c[SHOCK, m] * normal(keys[m], tick)
+            shock, next_shock = next_shock, 0.0
+            if keys is not None and tick & 1 == 0:
+                one, other = normal_pair(keys[m], tick // 2)
+                shock, next_shock = c[SHOCK, m] * one, c[SHOCK, m] * other
             free = c[A10, m] * i + c[A11, m] * w + c[B1, m] * v + shock
             d = max(-c[C1, m], min(c[C1, m], free))
             net = d - shock
