@@ -42,6 +42,7 @@ from servobench.rig.ensemble import kernels
 from servobench.rig.ensemble.lanes import LANES
 from servobench.rig.ensemble.motors import Motors
 from servobench.rig.ensemble.tolerances import draw_motors, tolerances_of
+from servobench.systems.control.pid import Pid
 
 FOLDER = Path(__file__).resolve().parent
 PAGE = FOLDER.parent / "docs" / "benchmarks" / "ensemble.md"
@@ -268,8 +269,7 @@ def pinned(core: int, call: Callable[[], None]) -> None:
 
 
 def beside(work: Work, size: Size) -> list[Figure]:
-    """Return what comes beside the simulation: the set-up, and a random torque."""
-    steps = size.motors * size.ticks
+    """Return what comes beside the simulation: the set-up, a random torque, bands and sensitivities, a controller."""
     share = ratio(
         "set-up of all motors, a part of the simulation",
         partial(processor_time, work.set_up),
@@ -277,8 +277,31 @@ def beside(work: Work, size: Size) -> list[Figure]:
         size.pairs,
         goal="0.05",
     )
-    noisy = [1e9 * processor_time(partial(work.ours, noise=True)) / steps for _ in range(size.slow_pairs)]
-    return [share, quartiles("with a random torque, a motor's tick", noisy, "ns")]
+    plain = sb.Experiment(signal=sb.Sine(amplitude=9.0, frequency=1.1), duration=size.ticks * STEP)
+    loop = plain.model_copy(
+        update={
+            "signal": sb.Square(low=0.0, high=1.0, frequency=0.4),
+            "controller": Pid(kp=3.0, ki=1.0, kd=0.06),
+        }
+    )
+    fewer = max(size.motors // 20, 1)
+    calls: dict[str, tuple[Callable[[], object], int]] = {
+        "with a random torque": (partial(work.ours, noise=True), size.motors),
+        "sb.ensemble with bands and sensitivities": (
+            lambda: sb.ensemble("qube_servo_2", plain, size.motors, SPREAD, threads=1),
+            size.motors,
+        ),
+        f"the same under PID, {fewer:,} motors": (
+            lambda: sb.ensemble("qube_servo_2", loop, fewer, SPREAD, threads=1),
+            fewer,
+        ),
+    }
+    found = []
+    for what, (call, motors) in calls.items():
+        call()
+        times = [1e9 * processor_time(call) / (motors * size.ticks) for _ in range(size.slow_pairs)]
+        found.append(quartiles(f"{what}, a motor's tick", times, "ns"))
+    return [share, *found]
 
 
 def main(size: Size = FULL, peers: Path = PEERS) -> list[Figure]:
