@@ -95,7 +95,7 @@ class Work:
 
     def set_up(self) -> Array:
         """The coefficients of all motors."""
-        return self.motors.coefficients(STEP, TORQUE_NOISE, 0.0, 2048.0)
+        return self.motors.coefficients(STEP, TORQUE_NOISE, 2048.0)
 
     def ours(
         self, *, counts: bool = True, noise: bool = False, first: int = 0, last: int | None = None

@@ -200,6 +200,36 @@ def test_phase_margins_are_those_of_the_sampled_loop() -> None:
         assert found[number] == pytest.approx(expected, abs=1e-4)
 
 
+def test_a_dead_band_beyond_the_limit_leaves_nothing() -> None:
+    motors = ensemble(TwinSettings(dead_band=3.0, amplifier_limit=2.0), SHORT, 3, FIVE)
+
+    assert not motors.final[1].any()
+
+
+def test_a_step_that_comes_after_the_end_has_no_overshoot() -> None:
+    late = CLOSED.model_copy(update={"signal": sb.Step(final=1.0, start=2.0)})
+
+    assert "overshoot" not in ensemble("qube_servo_2", late, 3, FIVE).outcomes
+
+
+def test_counts_are_kept_where_they_are_asked_for() -> None:
+    spread = {"amplifier_limit": "20%"}
+    plain, kept, limited = (
+        ensemble("qube_servo_2", SHORT, 3, {}, counts=False),
+        ensemble("qube_servo_2", SHORT, 3, {}, counts=True),
+        ensemble(TwinSettings(amplifier_limit=1.0), SHORT, 3, spread, counts=True),
+    )
+
+    assert plain.counts is None
+    assert plain.applied is None
+    assert kept.counts is not None
+    assert kept.counts.shape == (3, 50)
+    assert kept.applied is not None
+    assert kept.applied.shape == (50,)
+    assert limited.applied is not None
+    assert np.array_equal(limited.applied[:, 0], limited.parameters["amplifier_limit"])
+
+
 def test_a_loop_that_never_settles_has_no_settling_time() -> None:
     weak = CLOSED.model_copy(update={"controller": Pid(kp=0.01)})
     motors = ensemble("qube_servo_2", weak, 4, FIVE)
@@ -248,6 +278,11 @@ WRONG: dict[str, tuple[dict[str, Any], type[UsageError], str]] = {
     "another solver": ({"motor": TwinSettings(solver="rk4")}, UsageError, "solver"),
     "counts beyond 32 bits": (
         {"motor": TwinSettings(counts_per_rev=1e9)},
+        UsageError,
+        "the encoder may count",
+    ),
+    "a torque beyond numbers": (
+        {"motor": TwinSettings(torque_noise=1e200)},
         UsageError,
         "the encoder may count",
     ),

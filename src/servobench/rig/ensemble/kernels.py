@@ -15,13 +15,17 @@ motors from `first` to before `last` are done. Everything is in SI units.
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.compiled import compiled, loosely_compiled
 from servobench.rig.ensemble.lanes import LANES, lanes
 from servobench.systems.control import kernels as laws
+
+Keys: TypeAlias = NDArray[np.uint64]
 
 A00, A01, B0, A10, A11, B1, T0, T1, TB, C1, G, Q, LIMIT, SCALE, SHOCK = range(15)
 ROWS = 15
@@ -61,7 +65,7 @@ def normal_pair(key: np.uint64, pair: int) -> tuple[float, float]:
 
 
 @compiled
-def keys_of(seed: np.uint64, keys: Array) -> None:
+def keys_of(seed: np.uint64, keys: Keys) -> None:
     """Fill the key of each motor (M,), 64 bits, for a seed of 64 bits."""
     for m in range(len(keys)):
         keys[m] = mix(mix(seed) + (np.uint64(m) + np.uint64(1)) * _GOLD)
@@ -135,7 +139,7 @@ def drive(
     looks: Array,
     states: Array,
     counts: Array | None,
-    keys: Array | None,
+    keys: Keys | None,
     angle: float,
     first: int,
     last: int,
@@ -201,7 +205,7 @@ def loops(
     states: Array,
     counts: Array | None,
     voltages: Array | None,
-    keys: Array | None,
+    keys: Keys | None,
     figures: Array,
     angle: float,
     first: int,

@@ -60,13 +60,10 @@ class Motors:
             coulomb_torque=tc,
         )
 
-    def coefficients(
-        self, tick: float, torque_noise: float, dead_band: float, counts_per_rev: float
-    ) -> Array:
+    def coefficients(self, tick: float, torque_noise: float, counts_per_rev: float) -> Array:
         """Return the kernels' coefficients (ROWS, M) for ticks of that length [s], M the next multiple of 16.
 
-        The last motor is repeated up to there. `torque_noise` [N·m/√Hz] is the intensity of a white torque, `dead_band` [V] that
-        of the amplifier.
+        The last motor is repeated up to there. `torque_noise` [N·m/√Hz] is the intensity of a white torque.
         """
         from servobench.rig.ensemble import kernels as at
 

@@ -65,7 +65,7 @@ def _motor_responses(motors: Motors, z: Array, h: float) -> Array:
     """The angle over the voltage of each motor at each z (n, F)."""
     from servobench.rig.ensemble import kernels as at
 
-    c = motors.coefficients(h, 0.0, 0.0, 1.0)[:, : len(motors), None]
+    c = motors.coefficients(h, 0.0, 1.0)[:, : len(motors), None]
     # (zI - A)⁻¹ B by Cramer's rule, then θ (z - 1) = t₀ i + t₁ ω + t_b u.
     det = (z - c[at.A00]) * (z - c[at.A11]) - c[at.A01] * c[at.A10]
     current = ((z - c[at.A11]) * c[at.B0] + c[at.A01] * c[at.B1]) / det

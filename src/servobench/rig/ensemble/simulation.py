@@ -7,8 +7,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
@@ -24,6 +26,8 @@ from servobench.systems.control.pid import Pid
 from servobench.systems.control.state_feedback import StateFeedback
 from servobench.systems.signals.step import Step
 
+Keys: TypeAlias = NDArray[np.uint64]
+
 LAWS = (OpenLoop, Pid, Lead, StateFeedback)
 """The control laws that an ensemble can have, in the order of their numbers in the kernels."""
 BAND = 0.02
@@ -31,6 +35,7 @@ BAND = 0.02
 MOST_TICKS = 10_000_000
 """The longest experiment of an ensemble."""
 _FARTHEST = 2.0**30  # counts: half of what the kernels' numbers of 32 bits hold
+_SHOCKS = 10.0  # standard deviations, which none of 1e20 normal numbers exceeds
 _PIECES = 8  # that a thread's share is cut into, so that they end together and Ctrl-C needn't wait
 
 
@@ -69,68 +74,120 @@ def simulate(
     counts and voltages are kept. The course doesn't depend on `threads`. Raises `UsageError` for an experiment or a motor that
     can't be simulated so.
     """
-    from servobench.rig.ensemble import kernels as at
-
     check_can_be_simulated(experiment, twin)
-    ticks, h = int(looks[-1]), experiment.sample_time
-    dead_band = twin.data_sheet.dead_band if twin.dead_band is None else twin.dead_band
+    ticks = int(looks[-1])
     counts_per_rev = twin.counts_per_rev or twin.data_sheet.counts_per_rev
-    c = motors.coefficients(h, twin.torque_noise, dead_band, counts_per_rev)
-    _check_numbers(motors, c, ticks * h, twin)
-    n, padded = len(motors), c.shape[1]
-    keys = None
-    if twin.torque_noise:
-        keys = np.empty(offset + padded, dtype=np.uint64)
-        at.keys_of(np.uint64(seed & 0xFFFFFFFFFFFFFFFF), keys)
-        keys = keys[offset:].copy()
-    states = np.empty((3, len(looks), padded))
-    counts = np.empty((padded // LANES, ticks, LANES), dtype=np.int16) if recorded else None
+    c = motors.coefficients(experiment.sample_time, twin.torque_noise, counts_per_rev)
+    _check_numbers(motors, c, ticks, experiment.sample_time, twin)
     references = values_of(experiment, ticks)
-    looks = np.ascontiguousarray(looks, dtype=np.int64)
-    figures = np.full((2, padded), np.nan)
-    law = LAWS.index(type(experiment.controller))
-    voltages: Array | None
-    if law == 0:
-        voltages = _within_limits(references, experiment)
-        c[at.LIMIT] -= dead_band
-        net = voltages - np.clip(voltages, -dead_band, dead_band)
-
-        def work(first: int, last: int) -> None:
-            at.drive(c, net, looks, states, counts, keys, twin.start_angle, first, last)
+    n, padded = len(motors), c.shape[1]
+    room = _Room(
+        looks=np.ascontiguousarray(looks, dtype=np.int64),
+        states=np.empty((3, len(looks), padded)),
+        counts=np.empty((padded // LANES, ticks, LANES), dtype=np.int16) if recorded else None,
+        keys=_keys(seed, offset, padded) if twin.torque_noise else None,
+        figures=np.full((2, padded), np.nan),
+    )
+    voltages: Array | None = None
+    if isinstance(experiment.controller, OpenLoop):
+        within = _within_limits(references, experiment)
+        work = _driving(c, within, twin, room)
+        voltages = _applied(within, motors.parameters["amplifier_limit"]) if recorded else None
     else:
         voltages = np.empty((padded, ticks)) if recorded else None
-        running = experiment.controller.start(h, Twin(twin).info.with_limit(experiment.limits.voltage))
-        p, x0, gains = _loop(experiment, twin, dead_band), running.x, running.p
-
-        def work(first: int, last: int) -> None:
-            at.loops(
-                c, p, law, x0, gains, references, looks, states, counts, voltages, keys, figures, twin.start_angle,
-                first, last,
-            )  # fmt: skip
-
+        work = _looping(c, references, experiment, twin, voltages, room)
+        voltages = voltages if voltages is None else voltages[:n]
     _share_out(work, padded // LANES, threads, progress)
-    if law == 0 and recorded and voltages is not None and np.ptp(motors.parameters["amplifier_limit"]):
-        limits = motors.parameters["amplifier_limit"][:, None]
-        voltages = np.clip(voltages, -limits, limits)
-    elif law == 0 and voltages is not None:
-        limit = float(motors.parameters["amplifier_limit"][0])
-        voltages = np.clip(voltages, -limit, limit)
-    steps = (
-        isinstance(experiment.signal, Step)
-        and law != 0
-        and experiment.signal.final != experiment.signal.initial
-    )
-    peak, settled = figures[at.PEAK, :n], figures[at.SETTLED, :n]
-    left = ticks * h - _step_at(experiment)
-    never = settled > left - 1.5 * h
+    overshoot, settling_time = _step_figures(room.figures[:, :n], ticks, experiment)
     return Course(
-        looks=looks,
-        states=states[:, :, :n],
-        counts=None if counts is None else _in_rows(counts)[:n],
-        voltages=None if voltages is None else voltages[:n] if voltages.ndim == 2 else voltages,
-        overshoot=np.maximum(peak - 1.0, 0.0) if steps else np.full(n, np.nan),
-        settling_time=np.where(never, np.nan, settled) if steps else np.full(n, np.nan),
+        looks=room.looks,
+        states=room.states[:, :, :n],
+        counts=None if room.counts is None else _in_rows(room.counts)[:n],
+        voltages=voltages,
+        overshoot=overshoot,
+        settling_time=settling_time,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Room:
+    """What the kernels fill for M motors, and the keys of their random torques; laid out as `kernels` says."""
+
+    looks: Array
+    states: Array
+    counts: Array | None
+    keys: Keys | None
+    figures: Array
+
+
+def _driving(c: Array, voltages: Array, twin: TwinSettings, room: _Room) -> Callable[[int, int], None]:
+    """What simulates blocks of motors under the same voltages (N,)."""
+    from servobench.rig.ensemble import kernels as at
+
+    dead_band = _dead_band(twin)
+    c[at.LIMIT] = np.maximum(c[at.LIMIT] - dead_band, 0.0)
+    net = voltages - np.clip(voltages, -dead_band, dead_band)
+
+    def work(first: int, last: int) -> None:
+        at.drive(c, net, room.looks, room.states, room.counts, room.keys, twin.start_angle, first, last)
+
+    return work
+
+
+def _looping(
+    c: Array,
+    references: Array,
+    experiment: Experiment,
+    twin: TwinSettings,
+    voltages: Array | None,
+    room: _Room,
+) -> Callable[[int, int], None]:
+    """What simulates blocks of motors under the experiment's controller, each with a state of its own."""
+    from servobench.rig.ensemble import kernels as at
+
+    info = Twin(twin).info.with_limit(experiment.limits.voltage)
+    law = LAWS.index(type(experiment.controller))
+    running, p = experiment.controller.start(experiment.sample_time, info), _loop(experiment, twin)
+
+    def work(first: int, last: int) -> None:
+        at.loops(
+            c, p, law, running.x, running.p, references, room.looks, room.states, room.counts, voltages, room.keys,
+            room.figures, twin.start_angle, first, last,
+        )  # fmt: skip
+
+    return work
+
+
+def _applied(voltages: Array, limits: Array) -> Array:
+    """What amplifiers with limits (n,) put out: (N,) where all have the same, else (n, N)."""
+    own = limits[:, None] if np.ptp(limits) else limits[0]
+    return np.asarray(np.clip(voltages, -own, own))
+
+
+def _step_figures(figures: Array, ticks: int, experiment: Experiment) -> tuple[Array, Array]:
+    """Overshoot and settling time (n,), NaN where the experiment is no step in a loop, or a response doesn't settle."""
+    from servobench.rig.ensemble import kernels as at
+
+    peak, settled = figures[at.PEAK], figures[at.SETTLED]
+    left = ticks * experiment.sample_time - _step_at(experiment)
+    signal = experiment.signal
+    if not (isinstance(signal, Step) and signal.final != signal.initial and left > 0):
+        return np.full_like(peak, np.nan), np.full_like(peak, np.nan)
+    never = settled > left - 1.5 * experiment.sample_time
+    return np.maximum(peak - 1.0, 0.0), np.where(never, np.nan, settled)
+
+
+def _keys(seed: int, offset: int, count: int) -> Keys:
+    """The keys of so many motors from the one with the number `offset` on."""
+    from servobench.rig.ensemble import kernels as at
+
+    keys = np.empty(offset + count, dtype=np.uint64)
+    at.keys_of(np.uint64(seed), keys)
+    return keys[offset:].copy()
+
+
+def _dead_band(twin: TwinSettings) -> float:
+    return twin.data_sheet.dead_band if twin.dead_band is None else twin.dead_band
 
 
 def check_can_be_simulated(experiment: Experiment, twin: TwinSettings) -> None:
@@ -181,7 +238,7 @@ def _within_limits(values: Array, experiment: Experiment) -> Array:
     return np.asarray(clipped)
 
 
-def _loop(experiment: Experiment, twin: TwinSettings, dead_band: float) -> Array:
+def _loop(experiment: Experiment, twin: TwinSettings) -> Array:
     """The numbers of the loop around a motor."""
     from servobench.rig.ensemble import kernels as at
 
@@ -190,7 +247,7 @@ def _loop(experiment: Experiment, twin: TwinSettings, dead_band: float) -> Array
     p = np.zeros(11)
     p[at.TICK], p[at.LARGEST] = experiment.sample_time, limits.voltage
     p[at.SLEW] = math.inf if limits.slew is None else limits.slew
-    p[at.DEAD_BAND], p[at.HALF_RANGE] = dead_band, 1 << (bits - 1)
+    p[at.DEAD_BAND], p[at.HALF_RANGE] = _dead_band(twin), 1 << (bits - 1)
     p[at.BEGUN], p[at.BAND] = limits.start_voltage(experiment.sample_time), BAND
     p[at.STEP_AT], p[at.INITIAL], p[at.FINAL] = _step_at(experiment), 0.0, 1.0
     if isinstance(signal, Step) and signal.final != signal.initial:
@@ -203,7 +260,7 @@ def _step_at(experiment: Experiment) -> float:
     return float(experiment.signal.start) if isinstance(experiment.signal, Step) else 0.0
 
 
-def _check_numbers(motors: Motors, c: Array, duration: float, twin: TwinSettings) -> None:
+def _check_numbers(motors: Motors, c: Array, ticks: int, sample_time: float, twin: TwinSettings) -> None:
     """Raise `UsageError` where the kernels would meet a value that isn't finite, or a count beyond their range."""
     from servobench.rig.ensemble import kernels as at
 
@@ -213,7 +270,10 @@ def _check_numbers(motors: Motors, c: Array, duration: float, twin: TwinSettings
             f"ensemble: motor {number} ({motors.one(min(number, len(motors) - 1))}) has no finite solution over a tick; expected "
             "parameters of a motor"
         )
-    speed = float((motors.gain * motors.parameters["amplifier_limit"]).max())
+    driven = float((motors.gain * motors.parameters["amplifier_limit"]).max())
+    # Random shocks add up to a few times √ticks of one, less what fades.
+    shaken = _SHOCKS * float(c[at.SHOCK].max()) * math.sqrt(ticks)
+    speed, duration = driven + shaken, ticks * sample_time
     counts = (abs(twin.start_angle) + 2 * speed * duration) * float(c[at.SCALE].max())
     if not counts < _FARTHEST:
         raise UsageError(
