@@ -7,10 +7,9 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
@@ -26,7 +25,8 @@ from servobench.systems.control.pid import Pid
 from servobench.systems.control.state_feedback import StateFeedback
 from servobench.systems.signals.step import Step
 
-Keys: TypeAlias = NDArray[np.uint64]
+if TYPE_CHECKING:
+    from servobench.rig.ensemble.kernels import Keys
 
 LAWS = (OpenLoop, Pid, Lead, StateFeedback)
 """The control laws that an ensemble can have, in the order of their numbers in the kernels."""
