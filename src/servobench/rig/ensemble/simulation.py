@@ -91,11 +91,11 @@ def simulate(
     voltages: Array | None = None
     if isinstance(experiment.controller, OpenLoop):
         within = _within_limits(references, experiment)
-        work = _driving(c, within, twin, room)
-        voltages = _applied(within, motors.parameters["amplifier_limit"]) if recorded else None
+        work = _open_loop_work(c, within, twin, room)
+        voltages = _amplifier_output(within, motors.parameters["amplifier_limit"]) if recorded else None
     else:
         voltages = np.empty((padded, ticks)) if recorded else None
-        work = _looping(c, references, experiment, twin, voltages, room)
+        work = _closed_loop_work(c, references, experiment, twin, voltages, room)
         voltages = voltages if voltages is None else voltages[:n]
     _share_out(work, padded // LANES, threads, progress)
     overshoot, settling_time = _step_figures(room.figures[:, :n], ticks, experiment)
@@ -120,7 +120,7 @@ class _Room:
     figures: Array
 
 
-def _driving(c: Array, voltages: Array, twin: TwinSettings, room: _Room) -> Callable[[int, int], None]:
+def _open_loop_work(c: Array, voltages: Array, twin: TwinSettings, room: _Room) -> Callable[[int, int], None]:
     """What simulates blocks of motors under the same voltages (N,)."""
     from servobench.rig.ensemble import kernels as at
 
@@ -134,7 +134,7 @@ def _driving(c: Array, voltages: Array, twin: TwinSettings, room: _Room) -> Call
     return work
 
 
-def _looping(
+def _closed_loop_work(
     c: Array,
     references: Array,
     experiment: Experiment,
@@ -158,7 +158,7 @@ def _looping(
     return work
 
 
-def _applied(voltages: Array, limits: Array) -> Array:
+def _amplifier_output(voltages: Array, limits: Array) -> Array:
     """What amplifiers with limits (n,) put out: (N,) where all have the same, else (n, N)."""
     own = limits[:, None] if np.ptp(limits) else limits[0]
     return np.asarray(np.clip(voltages, -own, own))
