@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _HEIGHT = 200.0
-_BINS = 48
+_BINS = (8, 48)  # the fewest and the most; between them two for each root of the number of motors
 _POINTS = 100  # of a control chart, at most
 _MOVING_RANGE = 0.954  # the median range of two normal values over their standard deviation: 0.6745 √2
 _FENCE = 4.0  # interquartile ranges from the middle: what is further away is counted in the outermost bin
@@ -159,7 +159,7 @@ def histogram(
 ) -> Figure:
     """Return how many motors have which value (N,), within `shown`, with lines at `ends`, called `label`; all in a unit."""
     factor, symbol = handy_unit(unit, float(np.abs(values).max()))
-    counts, edges = np.histogram(values, bins=_BINS, range=shown)
+    counts, edges = np.histogram(values, bins=_bins(len(values)), range=shown)
     figure = sheet(style, _HEIGHT)
     ax = axes(figure, whole(style, _HEIGHT), style.palette, "Motors")
     ax.locator_params(axis="y", integer=True)
@@ -192,6 +192,10 @@ def _chart(chart: ControlChart, ends: Sequence[float], unit: str, along: str, st
         legend(ax, style.palette, whole(style, _HEIGHT))
     x_label(ax, f"motors, by {along}", style.palette)
     return figure
+
+
+def _bins(count: int) -> int:
+    return min(max(round(2 * math.sqrt(count)), _BINS[0]), _BINS[1])
 
 
 def _draw_limits(

@@ -17,7 +17,7 @@ from servobench.core.arguments import check_mapping, text_of_value
 from servobench.core.channels import Array
 from servobench.core.errors import UnitError, UnknownName, UsageError
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import with_unit
+from servobench.core.rounding import SPACE, with_unit
 from servobench.core.units import quantity
 from servobench.rig.devices.twin import TwinSettings
 
@@ -56,8 +56,8 @@ class Tolerance:
         return self.half / self.value if self.value else math.inf
 
     def __str__(self) -> str:
-        half = f"{100 * self.relative:.3g} %" if self.value else with_unit(self.half, self.unit, 3)
-        return f"{parameter_in_words(self.name)} {with_unit(self.value, self.unit)} ± {half}"
+        half = f"{100 * self.relative:.3g}{SPACE}%" if self.value else with_unit(self.half, self.unit, 3)
+        return f"{parameter_in_words(self.name)} {with_unit(self.value, self.unit)} ±{SPACE}{half}"
 
 
 def nominal_values(motor: TwinSettings) -> dict[str, float]:
