@@ -10,6 +10,9 @@ motor's `key` and the tick's number, so that it depends on neither the threads n
 `c` (ROWS, M) are the coefficients of M motors, laid out below; `states` (3, K, M) get current, speed and angle after the ticks
 `looks` (K,), which rise; `counts` (M/16, N, 16) the encoder's counts at the beginning of each tick, in 16 bits. The blocks of 16
 motors from `first` to before `last` are done. Everything is in SI units.
+
+What is kept on disk of the compiled code is renewed by a change of this file, not of `lanes` or the control laws that it calls:
+after one of those delete `__pycache__`.
 """
 
 from __future__ import annotations
