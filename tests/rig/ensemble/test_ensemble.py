@@ -249,6 +249,25 @@ def test_what_it_says_of_itself_is_plain_json() -> None:
     assert "5 motors" in repr(motors)
 
 
+@pytest.mark.parametrize(
+    ("name", "given", "half"),
+    [
+        ("inertia", "1e-6 kg*m^2", 1e-6),
+        ("inertia", "1 g·m²", 1e-3),
+        ("resistance", "0.42 ohm", 0.42),
+        ("resistance", " 5 % ", 0.42),
+        ("resistance", 0.05, 0.42),
+        ("coulomb_torque", "0.2 mN*m", 2e-4),
+        ("inductance", "0.1mH", 1e-4),
+    ],
+)
+def test_a_tolerance_may_have_a_unit(name: str, given: object, half: float) -> None:
+    heavy = TwinSettings(rotor_inertia=1.0)
+    (found,) = tolerances_of(heavy, {name: given})
+
+    assert found.half == pytest.approx(half, rel=1e-12)
+
+
 WRONG: dict[str, tuple[dict[str, Any], type[UsageError], str]] = {
     "no motors": ({"n": 0}, UsageError, "n is 0 .*from 1 to"),
     "half a motor": ({"n": 2.5}, UsageError, "n is 2.5"),

@@ -127,9 +127,18 @@ def _half_width(name: str, value: float, given: object) -> float:
         raise UsageError(f"spread: {name}: {error}, or a percentage such as 10%") from None
     except ValueError:
         raise UsageError(f"spread: {name}={given}: expected a number before the %, such as 10%") from None
-    if given.strip()[-1].isdigit() or given.strip()[-1] == ".":
+    if _is_bare(given):
         raise UsageError(
             f"spread: {name}={given}: expected a percentage such as 10%, or a half width with its unit, such as "
             f"{with_unit(0.1 * value, PARAMETERS[name], 2)}"
         )
     return half
+
+
+def _is_bare(text: str) -> bool:
+    """Whether a text is a number without a unit."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
