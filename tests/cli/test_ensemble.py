@@ -71,6 +71,16 @@ def test_json_is_all_that_stands_on_standard_output(servobench: Command, tmp_pat
     assert told["identified"] == {"motors": 0, "verdicts": {}, "coverage": {}}
 
 
+def test_motors_of_a_random_seed_can_be_drawn_again(servobench: Command, tmp_path: Path) -> None:
+    file = tmp_path / "loop.toml"
+    file.write_text(LOOP.replace("[experiment]", '[experiment]\nseed = "random"'), encoding="utf-8")
+    servobench("ensemble", file, *FEW, "--out", tmp_path / "one")
+    servobench("ensemble", tmp_path / "one" / "experiment.toml", *FEW, "--out", tmp_path / "other")
+
+    one, other = ((tmp_path / name / "motors.csv").read_bytes() for name in ("one", "other"))
+    assert one == other
+
+
 def test_every_motor_is_identified(servobench: Command, tmp_path: Path) -> None:
     words = ("--spread", "inertia=10%", "--count", "3", "--threads", "1", "--identify", "--json")
     told = document(servobench("ensemble", *words, "--out", tmp_path / "out").out)

@@ -72,6 +72,8 @@ def ensemble(
     from servobench.cli.terminal import messages, output, print_json, say
 
     asked = experiment_asked_for(experiment, None, seed, None)
+    if asked.seed is None:  # kept in the folder's experiment, so that these motors can be drawn again
+        asked = asked.model_copy(update={"seed": randbits(_SEED_BITS)})
     motor = _motor(asked, experiment)
     wanted = _tolerances(spread or ())
     console = messages() if as_json else output()
@@ -104,9 +106,10 @@ def _simulate(
     from servobench.core.rounding import count_text
     from servobench.rig.ensemble.ensemble import ensemble as simulated
 
-    seed = randbits(_SEED_BITS) if asked.seed is None else asked.seed
     progress.begin(f"simulating {count_text(count, 'motor')}")
-    return simulated(motor, asked, count, wanted, seed=seed, threads=threads, progress=progress.advance)
+    return simulated(
+        motor, asked, count, wanted, seed=asked.seed or 0, threads=threads, progress=progress.advance
+    )
 
 
 def _motor(asked: Experiment, file: Path | None) -> TwinSettings:
