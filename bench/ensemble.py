@@ -337,6 +337,7 @@ def page(figures: list[Figure], peers: Path) -> str:
         else f"| {each.what} | {each.value:.3g} {each.unit} | | {each.limit} |"
         for each in figures
     ]
+    busy = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     machine = f"{platform.machine()}, {os.cpu_count()} processors, {platform.system()} {platform.release()}"
     versions = f"servobench {sb.__version__}, Python {platform.python_version()}, NumPy {np.__version__}, "
     return "\n".join(
@@ -351,6 +352,7 @@ def page(figures: list[Figure], peers: Path) -> str:
             "Processor time, medians and the middle half; ratios are formed within pairs measured in turn. The threads are wall "
             "time, the best of all tries.",
             "The C computes sixteen motors side by side, in AVX-512 registers by hand where the processor has them.",
+            *([f"Others kept the processors busy, too: load average {busy:.0f}."] if busy > 2 else []),
             *(
                 []
                 if peers.exists()
