@@ -24,6 +24,7 @@ FROM = {
     "design-1": "[`servobench design --json`](commands.md#design)",
     "handed-out-1": "[`servobench lab assess --json`](commands.md#lab-assess)",
     "each-1": "[`servobench identify --each --json`](commands.md#identify), a line for each file",
+    "ensemble-1": "[`servobench ensemble --json`](commands.md#ensemble)",
     "fleet-1": "[`servobench fleet SOURCE --json`](commands.md#fleet-identify)",
     "repeatability-1": "[`servobench fleet repeatability --json`](commands.md#fleet-repeatability)",
     "honest-1": "[`servobench honest --json`](commands.md#honest)",

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from servobench.rig.devices.base import DEVICES as devices
     from servobench.rig.devices.base import connect
     from servobench.rig.devices.faults.base import FAULTS as faults
+    from servobench.rig.ensemble.ensemble import ensemble
     from servobench.rig.experiment import Experiment
     from servobench.rig.loop.run import run
     from servobench.systems.control.base import CONTROLLERS as controllers
@@ -71,6 +72,7 @@ __all__ = [
     "controllers",
     "design",
     "devices",
+    "ensemble",
     "estimators",
     "exports",
     "faults",
@@ -116,6 +118,7 @@ _HOMES = {
     "compare": "servobench.identification.comparison",
     "connect": "servobench.rig.devices.base",
     "design": "servobench.identification.design.planning",
+    "ensemble": "servobench.rig.ensemble.ensemble",
     "from_control": "servobench.systems.interop",
     "from_scipy": "servobench.systems.interop",
     "honest": "servobench.identification.honest.repeatability",

@@ -29,6 +29,7 @@ WRONG: dict[str, Any] = {
 }
 
 MORE: dict[str, dict[str, Any]] = {
+    "ensemble": {"experiment": sb.Experiment(duration=0.1), "n": 2, "spread": {}},
     "from_control": {"output": "speed", "unit": "rad/(s·V)"},
     "from_scipy": {"output": "speed", "unit": "rad/(s·V)"},
     "predict": {"data": None},
@@ -81,6 +82,12 @@ def right_arguments() -> dict[str, dict[str, Any]]:
             "limits": {"voltage": 5.0},
             "duration": 0.5,
             "experiment_sample_time": 0.01,
+        },
+        "ensemble": {
+            "motor": "qube_servo_2",
+            "experiment": sb.Experiment(duration=0.1),
+            "n": 2,
+            "spread": {"resistance": "5%"},
         },
         "from_control": {"system": sb.to_control(system), "output": "speed", "unit": "rad/(s·V)"},
         "from_scipy": {"system": sb.to_scipy(system), "output": "speed", "unit": "rad/(s·V)"},

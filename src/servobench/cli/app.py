@@ -17,6 +17,7 @@ from servobench.cli.controllers import controllers
 from servobench.cli.convert import convert
 from servobench.cli.design import design
 from servobench.cli.devices import devices
+from servobench.cli.ensemble import ensemble
 from servobench.cli.estimators import estimators
 from servobench.cli.export import export
 from servobench.cli.exports import exports
@@ -80,6 +81,7 @@ _COMMANDS: tuple[Callable[..., None], ...] = (
     tune,
     stability,
     honest,
+    ensemble,
     inspect,
     export,
     convert,

@@ -43,11 +43,19 @@ def strictly_inlined(function: F) -> F:
     return _compile(function, fastmath=set(), _nrt=False, forceinline=True)
 
 
-def stack_room(size: int) -> Callable[[], Any]:
+def loosely_compiled(function: F) -> F:
+    """Compile as `compiled` does, for values that are finite all the way: what NaN does to a result isn't defined.
+
+    A minimum is then one instruction, and loops over lanes become vectors.
+    """
+    return _compile(function, fastmath={"contract", "nsz", "nnan"}, _nrt=True, forceinline=False)
+
+
+def stack_room(size: int, alignment: int = 8) -> Callable[[], Any]:
     """Return what a kernel calls for room for so many numbers of its own: without a length, and not cleared.
 
     Where each index is a constant the numbers stand in registers, unlike those of an array, which others may see. Where
-    nothing is compiled it is a list.
+    nothing is compiled it is a list. `alignment` is that of the first [bytes].
     """
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return lambda: [0.0] * size
@@ -56,6 +64,7 @@ def stack_room(size: int) -> Callable[[], Any]:
 
         def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             numbers = cast(Any, alloca_once)(builder, ir.ArrayType(ir.DoubleType(), size))
+            numbers.align = alignment
             return builder.bitcast(numbers, ir.DoubleType().as_pointer())
 
         return cast(Any, types.CPointer)(types.float64)(), codegen

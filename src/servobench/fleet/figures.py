@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _HEIGHT = 200.0
-_BINS = 48
+_BINS = (8, 48)  # the fewest and the most; between them two for each root of the number of motors
 _POINTS = 100  # of a control chart, at most
 _MOVING_RANGE = 0.954  # the median range of two normal values over their standard deviation: 0.6745 √2
 _FENCE = 4.0  # interquartile ranges from the middle: what is further away is counted in the outermost bin
@@ -83,7 +83,7 @@ def distribution(fleet: Fleet, parameter: Parameter) -> Illustration:
     """Return how a parameter is spread over the motors, with its limits."""
     values = parameter.value[np.isfinite(parameter.value)]
     ends = _limits(fleet, parameter)
-    low, high = _axis_range(values, ends)
+    low, high = axis_range(values, ends)
     beyond = int(((values < low) | (values > high)).sum())
     name = parameter_in_words(parameter.name, parameter.unit)
     middle = with_unit(float(np.median(values)), parameter.unit)
@@ -98,7 +98,7 @@ def distribution(fleet: Fleet, parameter: Parameter) -> Illustration:
         title=f"Spread of the {name}",
         caption=caption,
         description=f"The {name} lies between {extremes[0]} and {extremes[1]}.",
-        draw=partial(_histogram, np.clip(values, low, high), (low, high), ends, parameter.unit),
+        draw=partial(histogram, np.clip(values, low, high), (low, high), ends, parameter.unit),
     )
 
 
@@ -139,7 +139,8 @@ def _limits(fleet: Fleet, parameter: Parameter) -> tuple[float, ...]:
     return tuple(end for end in ends if math.isfinite(end))
 
 
-def _axis_range(values: Array, ends: Sequence[float]) -> tuple[float, float]:
+def axis_range(values: Array, ends: Sequence[float]) -> tuple[float, float]:
+    """Return what a histogram of values (N,) shows: nearly all, and the lines at `ends`."""
     lower, middle, upper = np.quantile(values, (0.25, 0.5, 0.75))
     reach = _FENCE * max(float(upper - lower), 1e-6 * abs(float(middle)), 1e-300)
     low, high = max(float(values.min()), middle - reach), min(float(values.max()), middle + reach)
@@ -148,16 +149,22 @@ def _axis_range(values: Array, ends: Sequence[float]) -> tuple[float, float]:
     return float(low - margin), float(high + margin)
 
 
-def _histogram(
-    values: Array, shown: tuple[float, float], ends: Sequence[float], unit: str, style: Style
+def histogram(
+    values: Array,
+    shown: tuple[float, float],
+    ends: Sequence[float],
+    unit: str,
+    style: Style,
+    label: str = "limits",
 ) -> Figure:
+    """Return how many motors have which value (N,), within `shown`, with lines at `ends`, called `label`; all in a unit."""
     factor, symbol = handy_unit(unit, float(np.abs(values).max()))
-    counts, edges = np.histogram(values, bins=_BINS, range=shown)
+    counts, edges = np.histogram(values, bins=_bins(len(values)), range=shown)
     figure = sheet(style, _HEIGHT)
     ax = axes(figure, whole(style, _HEIGHT), style.palette, "Motors")
     ax.locator_params(axis="y", integer=True)
     ax.stairs(counts, edges / factor, fill=True, color=style.palette.measured, linewidth=0)
-    _draw_limits(ax.axvline, [end / factor for end in ends], style)
+    _draw_limits(ax.axvline, [end / factor for end in ends], style, label)
     ax.set(ylim=(0, 1.1 * max(int(counts.max()), 1)), xlim=tuple(edges[[0, -1]] / factor))
     if ends:
         legend(ax, style.palette, whole(style, _HEIGHT))
@@ -187,7 +194,13 @@ def _chart(chart: ControlChart, ends: Sequence[float], unit: str, along: str, st
     return figure
 
 
-def _draw_limits(line: Callable[..., object], ends: Sequence[float], style: Style) -> None:
+def _bins(count: int) -> int:
+    return min(max(round(2 * math.sqrt(count)), _BINS[0]), _BINS[1])
+
+
+def _draw_limits(
+    line: Callable[..., object], ends: Sequence[float], style: Style, label: str = "limits"
+) -> None:
     for number, end in enumerate(ends):
-        label = None if number else "limits"
-        line(end, color=style.palette.ink, linewidth=1.5, linestyle=(0, (4, 2)), label=label)
+        called = None if number else label
+        line(end, color=style.palette.ink, linewidth=1.5, linestyle=(0, (4, 2)), label=called)

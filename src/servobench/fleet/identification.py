@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from servobench.core.errors import UsageError
+from servobench.core.processors import processors
 from servobench.fleet.name_pattern import NamePattern
 from servobench.fleet.parts import Results
 from servobench.fleet.pool import Cluster, Died, Processes
@@ -153,13 +154,6 @@ def pool_of(work: Callable[[Any], Any], count: int, scheduler: str | None) -> It
                 f"`scheduler={scheduler}`: has no workers; start some with `dask worker ADDRESS`"
             )
         yield Cluster(work, client.get_executor(pure=False), ahead=4 * threads)
-
-
-def processors() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _check_apart(source: Source, folder: Path) -> None:

@@ -100,7 +100,8 @@ def _follow(
 ) -> None:
     """Identify what comes, until Ctrl-C."""
     from servobench.cli.terminal import say
-    from servobench.fleet.identification import identify, processors, row_or_reason
+    from servobench.core.processors import processors
+    from servobench.fleet.identification import identify, row_or_reason
     from servobench.fleet.pool import Processes
     from servobench.fleet.watch import LOOK, Arrivals
 

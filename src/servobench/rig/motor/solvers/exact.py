@@ -73,10 +73,10 @@ def coefficients(physics: Physics, h: float) -> Array:
         c[n.Q] = ((h - g) / rate) / g
         c[n.A01], c[n.B0], c[n.G] = -k / r * e, 1 / r - k / r * c[n.B1], k / r
         return c
-    c[n.AII], c[n.AIW], c[n.AWI], c[n.AWW] = -r / l, -k / l, k / j, -b / j
-    c[n.M] = 0.5 * (c[n.AII] + c[n.AWW])
-    c[n.DET] = c[n.AII] * c[n.AWW] - c[n.AIW] * c[n.AWI]
-    c[n.D2] = c[n.M] ** 2 - c[n.DET]
+    aii, aiw, awi, aww = -r / l, -k / l, k / j, -b / j
+    m, det = 0.5 * (aii + aww), aii * aww - aiw * awi
+    c[n.AII], c[n.AIW], c[n.AWI], c[n.AWW] = aii, aiw, awi, aww
+    c[n.M], c[n.DET], c[n.D2] = m, det, m * m - det
     a = np.zeros((5, 5))
     a[0] = [-r / l, -k / l, 0, 1 / l, 0]
     a[1] = [k / j, -b / j, 0, 0, -1 / j]
