@@ -55,11 +55,11 @@ def _columns(test: ScoreTest, term: Term) -> Array:
 def _warming(gain: float, largest: float) -> Term:
     """What a resistance takes of the input that doubles within a record, in parts of the largest input [input unit]."""
 
-    def lost(motion: Motion) -> tuple[Array, ...]:
+    def drop(motion: Motion) -> tuple[Array, ...]:
         driving = motion.input - motion.fastest / (gain * largest) * motion.speed
         return (-0.5 * motion.gone * driving,)
 
-    return Term(code="motor-changes", name="a motor that warms up", sentence="", to_input=lost)
+    return Term(code="motor-changes", name="a motor that warms up", sentence="", to_input=drop)
 
 
 def _behind_a_gap(motion: Motion) -> tuple[Array, ...]:
