@@ -22,22 +22,31 @@ def single_level(records: Sequence[Dataset]) -> float | None:
 
     Coasting under no input counts as a second level: it is friction alone that brakes there.
     """
-    levels = np.concatenate([_while_moving(record) for record in records])
     every = np.concatenate([np.append(record.u, record.input_before) for record in records])
     largest = float(np.abs(every).max(initial=0.0))
-    if len(levels) < 10 or largest == 0:
+    if largest == 0:
         return None
-    low, high = (float(level) for level in np.percentile(levels, (1, 99)))
-    return 0.5 * (low + high) if high - low <= _ONE * largest else None
+    # Either says that there was one: a short motion has few samples that noise can't explain, a noisy rest many that move.
+    for clear in (False, True):
+        levels = np.concatenate([_while_moving(record, clear) for record in records])
+        low, high = (
+            (float(level) for level in np.percentile(levels, (1, 99)))
+            if len(levels) >= 10
+            else (-np.inf, np.inf)
+        )
+        if high - low <= _ONE * largest:
+            return 0.5 * (low + high)
+    return None
 
 
-def _while_moving(record: Dataset) -> Array:
-    """The input at those samples of the output at which the shaft moves."""
+def _while_moving(record: Dataset, clear: bool) -> Array:
+    """The input at those samples of the output at which the shaft moves, `clear`: by more than noise does."""
     speed = np.abs(smooth_speed(record))
     least = _MOVING * float(speed.max(initial=0.0))
-    return np.asarray(
-        record.input_at_output[(speed > least) & _beyond_noise(record, least)], dtype=np.float64
-    )
+    moves = speed > least
+    if clear:
+        moves &= _beyond_noise(record, least)
+    return np.asarray(record.input_at_output[moves], dtype=np.float64)
 
 
 def _beyond_noise(record: Dataset, speed: float) -> NDArray[np.bool_]:
