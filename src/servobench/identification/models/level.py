@@ -8,7 +8,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.models.motion import smooth_speed
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
@@ -28,6 +28,7 @@ def single_level(records: Sequence[Dataset]) -> float | None:
     return 0.5 * (low + high) if high - low <= _ONE * largest else None
 
 
+@keep_with_data
 def _while_moving(record: Dataset) -> Array:
     """The input at those samples of the output at which the shaft moves."""
     speed = np.abs(smooth_speed(record))
