@@ -117,7 +117,7 @@ def test_the_equations_of_a_step_leave_out_what_cannot_move() -> None:
     active, scale = np.empty(5, dtype=np.int64), np.empty(5)
     left, right = np.empty(25), np.empty(5)
 
-    count = kernels.scaled_equations(h, g, 0.1, theta, lower, upper, moves, active, scale, left, right)
+    count = kernels.equations_of_step(h, g, 0.1, theta, lower, upper, moves, active, scale, left, right)
 
     assert active[:count].tolist() == [0, 4]
     own = 1 / np.sqrt(np.diag(h)[[0, 4]])

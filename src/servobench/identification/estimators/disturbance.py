@@ -152,7 +152,7 @@ class Linearisation:
         changes, inverses = np.empty((count, size)), np.empty((count, size, size))
         variances, deviances = np.empty(count), np.empty(count)
         position = float(self.kind == "position")
-        kernels.restricted_likelihoods(
+        kernels.likelihoods_of_ratios(
             *self._rows,
             self.free,
             np.zeros(size) if self.prior is None else self.prior,

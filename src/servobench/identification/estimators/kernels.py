@@ -102,7 +102,7 @@ def fill_products(x: Array, out: Array) -> None:
 
 
 @compiled
-def restricted_likelihoods(
+def likelihoods_of_ratios(
     t: Array,
     moving: Array,
     noise: Array,
@@ -297,7 +297,7 @@ def find_places(places: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray
 
 
 @strictly_compiled
-def scaled_equations(
+def equations_of_step(
     information: Array,
     g: Array,
     damping: float,

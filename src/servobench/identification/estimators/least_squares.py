@@ -325,7 +325,7 @@ def _damped_change(
         np.empty(size * size),
         np.empty(size),
     )
-    count = kernels.scaled_equations(
+    count = kernels.equations_of_step(
         point.h, point.g, damping, point.theta, lower, upper, moves, active, scale, left, right
     )
     if not count:

@@ -112,11 +112,11 @@ class Simulator(Protocol):
         ...
 
 
-P = TypeVar("P")
+T = TypeVar("T")
 _FULFILLED: dict[tuple[type, type], bool] = {}
 
 
-def as_protocol(structure: Structure, protocol: Callable[..., P]) -> P | None:
+def as_protocol(structure: Structure, protocol: Callable[..., T]) -> T | None:
     """Return a structure as something that it can do besides, such as a `Simulator`, None where it can't.
 
     That is what `isinstance` says, asked once for each class: asking takes as long as a short simulation.
@@ -124,7 +124,7 @@ def as_protocol(structure: Structure, protocol: Callable[..., P]) -> P | None:
     key = (type(structure), cast(type, protocol))
     if key not in _FULFILLED:
         _FULFILLED[key] = isinstance(structure, key[1])
-    return cast(P, structure) if _FULFILLED[key] else None
+    return cast(T, structure) if _FULFILLED[key] else None
 
 
 STRUCTURES: Registry[Structure] = Registry(

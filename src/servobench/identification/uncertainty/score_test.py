@@ -276,12 +276,12 @@ class _Run:
 
     def columns(self, terms: Sequence[Term]) -> tuple[Array, NDArray[np.int64]]:
         """What terms add to the innovations, as columns (valid, K), and the number of the term of each (K,)."""
-        added = [self._added(term) for term in terms]
+        added = [self._output_of(term) for term in terms]
         whose = np.repeat(np.arange(len(terms)), [len(each) for each in added])
         columns = np.column_stack([column for each in added for column in each])
         return in_innovations(self.fit, self.record, columns), whose
 
-    def _added(self, term: Term) -> list[Array]:
+    def _output_of(self, term: Term) -> list[Array]:
         """What a term adds to the output, as columns (M,)."""
         added = []
         if term.to_input is not None:

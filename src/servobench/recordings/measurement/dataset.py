@@ -261,11 +261,11 @@ def keep_with_data(function: Callable[[Dataset], T]) -> Callable[[Dataset], T]:
     name = f"{function.__module__}.{function.__qualname__}"
 
     @wraps(function)
-    def kept(data: Dataset) -> T:
+    def find(data: Dataset) -> T:
         memory = vars(data)
         if name not in memory:
             memory[name] = function(data)
         found: T = memory[name]
         return found
 
-    return kept
+    return find
