@@ -56,7 +56,7 @@ def allow_for_disturbance(fit: Fit) -> Fit:
         counted = _by_counts(fit)
         if counted is not None:
             return counted
-        allowing = PredictionError().fit_after(fit)
+        allowing = PredictionError().fit_after(fit, test)
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
     return allowing if fed_back or explains_the_colour(allowing) else allow_for_misfit(fit)
 
@@ -119,7 +119,7 @@ def _torque_fit_if_delay_known(fit: Fit) -> Fit:
     if test is None or test.likelihood_ratio <= THRESHOLD:
         return fit
     try:
-        allowing = PredictionError().fit_after(fit)
+        allowing = PredictionError().fit_after(fit, test)
     except NotIdentifiable:  # too few blocks of samples that a random torque leaves apart
         return fit
     prior = delay_prior.prior_of_delay(fit.model.structure, [record.data for record in fit.records])

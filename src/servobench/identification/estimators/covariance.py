@@ -79,14 +79,7 @@ def andrews_lag(x: Array) -> int:
     n = len(x)
     if n < 4:
         return 0
-    power, product = np.empty(x.shape[1]), np.empty(x.shape[1])
-    kernels.autocovariances(x, power, product)
-    use = power > 0
-    rho = np.clip(product[use] / power[use], -0.999, 0.999)
-    # Every parameter counts the same, whatever its unit: weights 1/σ⁴.
-    numerator = np.sum(4 * rho**2 / ((1 - rho) ** 6 * (1 + rho) ** 2) * (1 - rho) ** 4)
-    alpha = numerator / len(rho) if len(rho) else 0.0
-    return int(min(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), n // 4))
+    return int(min(np.ceil(1.1447 * (kernels.andrews_alpha(x) * n) ** (1 / 3)), n // 4))
 
 
 def inverse(h: Array) -> Array:

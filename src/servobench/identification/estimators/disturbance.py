@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,31 +142,53 @@ class Linearisation:
 
     def under(self, tau: float, ratio: float) -> Trial:
         """Return the parameters for noise with the given τ and q/r, and its likelihood."""
-        size = len(self.free)
-        h, g, logarithms, filtered = np.zeros((size, size)), np.zeros(size), 0.0, []
-        for blocks, columns, place in zip(self.blocks, self.columns, self.places, strict=True):
-            x, spread = _innovations(columns, blocks, self.kind, tau, ratio)
-            product = x.T @ x
-            h[np.ix_(place, place)] += product[1:, 1:]
-            g[place] += product[1:, 0]
-            logarithms += float(np.sum(np.log(spread)))
-            filtered.append(x)
-        if self.prior is not None:
-            h += np.diag(self.prior)
-        held = ~self.free
-        h[held], h[:, held], g[held] = 0.0, 0.0, 0.0
-        inverse, information = _inverse(h)
-        change = inverse @ g
-        left = [x[:, 0] - x[:, 1:] @ change[place] for x, place in zip(filtered, self.places, strict=True)]
-        freedom = max(sum(map(len, left)) - int(np.count_nonzero(np.diag(h))), 1)
-        variance = max(sum(float(e @ e) for e in left) / freedom, 1e-300)
-        return Trial(
-            ratio=ratio,
-            change=change,
-            covariance=variance * inverse,
-            variance=variance,
-            deviance=freedom * float(np.log(variance)) + logarithms + information,
+        return self.under_each(tau, np.array([ratio]))[0]
+
+    def under_each(self, tau: float, ratios: Array) -> tuple[Trial, ...]:
+        """Return the same for each of several q/r (T,)."""
+        from servobench.identification.estimators import kernels
+
+        size, count = len(self.free), len(ratios)
+        changes, inverses = np.empty((count, size)), np.empty((count, size, size))
+        variances, deviances = np.empty(count), np.empty(count)
+        position = float(self.kind == "position")
+        kernels.likelihoods_of_ratios(
+            *self._rows,
+            self.free,
+            np.zeros(size) if self.prior is None else self.prior,
+            tau,
+            ratios,
+            position,
+            1.0 - position,
+            changes,
+            inverses,
+            variances,
+            deviances,
         )
+        return tuple(
+            Trial(
+                ratio=float(ratios[n]),
+                change=changes[n],
+                covariance=variances[n] * inverses[n],
+                variance=float(variances[n]),
+                deviance=float(deviances[n]),
+            )
+            for n in range(count)
+        )
+
+    @cached_property
+    def _rows(self) -> tuple[Array, Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+        """Times, motion, noise and columns of all records' blocks in one, where each record ends, and its columns' places."""
+        width = max(map(len, self.places))
+        ends = np.cumsum([len(x) for x in self.columns])
+        columns, places = np.zeros((ends[-1], 1 + width)), np.full((len(ends), width), -1)
+        for end, x, place, own in zip(ends, self.columns, self.places, places, strict=True):
+            columns[end - len(x) : end, : x.shape[1]] = x
+            own[: len(place)] = place
+        times, moving, noise = (
+            np.concatenate([getattr(b, name) for b in self.blocks]) for name in ("times", "moving", "noise")
+        )
+        return times, moving, noise, columns, ends, places
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -229,8 +252,7 @@ def profile(near: Linearisation, tau: float, around: float | None = None) -> Pro
     """
     levels = near.levels(tau) if around is None else around + 2.5 * np.array([-1.0, 0.0, 1.0])
     best, sd = _mode(near, tau, levels)
-    trials = [near.under(tau, float(np.exp(x))) for x in best + _WIDE * sd * _FINE]
-    without = near.under(tau, 0.0)
+    without, *trials = near.under_each(tau, np.append(0.0, np.exp(best + _WIDE * sd * _FINE)))
     deviances = np.array([trial.deviance for trial in trials])
     top = trials[int(np.argmin(deviances))]
     weights = np.exp(-0.5 * (deviances - deviances.min()))
@@ -246,16 +268,16 @@ def profile(near: Linearisation, tau: float, around: float | None = None) -> Pro
 def _mode(near: Linearisation, tau: float, levels: Array) -> tuple[float, float]:
     """The ln(q/r) of the lowest deviance, and its standard deviation from the curvature there (at most 3)."""
 
-    def deviance(level: float) -> float:
-        return near.under(tau, float(np.exp(level))).deviance
+    def deviances(*levels: float) -> list[float]:
+        return [trial.deviance for trial in near.under_each(tau, np.exp(levels))]
 
-    costs = [deviance(float(level)) for level in levels]
+    costs = deviances(*levels)
     at = int(np.argmin(costs))
     middle, width, low = float(levels[at]), float(levels[1] - levels[0]), costs[at]
     curvature = 0.0
     while width > 0.3:
         width /= 2
-        left, right = deviance(middle - width), deviance(middle + width)
+        left, right = deviances(middle - width, middle + width)
         curvature = (left - 2 * low + right) / width**2
         if left < low or right < low:
             middle, low = (middle - width, left) if left < right else (middle + width, right)
@@ -263,24 +285,13 @@ def _mode(near: Linearisation, tau: float, levels: Array) -> tuple[float, float]
     return middle, float(np.clip(np.sqrt(2 / curvature), 0.05, 3.0)) if curvature > 0 else 3.0
 
 
-def _inverse(h: Array) -> tuple[Array, float]:
-    """H⁻¹ and ln |H|, from scaled parameters; a parameter without any information is left out of both."""
-    informed = np.flatnonzero(np.diag(h) > 0)
-    part = h[np.ix_(informed, informed)]
-    scale = 1.0 / np.sqrt(np.diag(part))
-    values, vectors = np.linalg.eigh(part * np.outer(scale, scale))
-    values = np.maximum(values, 1e-14 * float(values.max(initial=1e-300)))
-    out = np.zeros_like(h)
-    out[np.ix_(informed, informed)] = (vectors / values) @ vectors.T * np.outer(scale, scale)
-    return out, float(np.sum(np.log(values)) - 2 * np.sum(np.log(scale)))
-
-
 def whiten(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
     """Return columns x (M,) or (M, K) as innovations of each sample, of unit variance."""
     out, _ = _innovations(
         x.reshape(len(x), -1), _samples(data, moving), data.kind, disturbance.tau, disturbance.ratio
     )
-    return np.asarray((out / np.sqrt(disturbance.variance)).reshape(x.shape), dtype=np.float64)
+    out /= np.sqrt(disturbance.variance)
+    return out.reshape(x.shape)
 
 
 def innovations_of_blocks(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:

@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
-from servobench.core.compiled import compiled
+from servobench.core.compiled import compiled, strictly_compiled
+from servobench.identification.estimators.symmetric import invert
+
+# Each term of the series of cosine and sine over the one before and the angle's square, with the sign turned.
+_COSINE = tuple(1.0 / ((2 * n - 1) * (2 * n)) for n in range(1, 9))
+_SINE = tuple(1.0 / ((2 * n) * (2 * n + 1)) for n in range(1, 9))
+_NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
 
 
 @compiled
@@ -79,14 +85,122 @@ def innovations(
 
 
 @compiled
-def autocovariances(x: Array, power: Array, product: Array) -> None:
-    """Fill power (P,) with Σ x_k-1² and product (P,) with Σ x_k x_k-1 of each column of x (N, P)."""
-    power[:] = 0.0
-    product[:] = 0.0
-    for k in range(1, len(x)):
-        for c in range(x.shape[1]):
-            power[c] += x[k - 1, c] * x[k - 1, c]
-            product[c] += x[k - 1, c] * x[k, c]
+def fill_products(x: Array, out: Array) -> None:
+    """Fill out (C, C) with X'X of columns x (N, C), in four sums each, which a processor adds to at once."""
+    whole = len(x) - len(x) % 4
+    for i in range(x.shape[1]):
+        for c in range(i, x.shape[1]):
+            s0 = s1 = s2 = s3 = 0.0
+            for m in range(0, whole, 4):
+                s0 += x[m, i] * x[m, c]
+                s1 += x[m + 1, i] * x[m + 1, c]
+                s2 += x[m + 2, i] * x[m + 2, c]
+                s3 += x[m + 3, i] * x[m + 3, c]
+            for m in range(whole, len(x)):
+                s0 += x[m, i] * x[m, c]
+            out[i, c] = out[c, i] = (s0 + s1) + (s2 + s3)
+
+
+@compiled
+def likelihoods_of_ratios(
+    t: Array,
+    moving: Array,
+    noise: Array,
+    columns: Array,
+    ends: NDArray[np.int64],
+    places: NDArray[np.int64],
+    free: NDArray[np.bool_],
+    prior: Array,
+    tau: float,
+    ratios: Array,
+    of_position: float,
+    of_speed: float,
+    changes: Array,
+    inverses: Array,
+    variances: Array,
+    deviances: Array,
+) -> None:
+    """Fill changes (T, S), inverses (T, S, S), variances (T,) and deviances (T,) for each of the `ratios` (T,) of q/r.
+
+    The rows (B,) of [residual, Jacobian], `columns` (B, 1 + W), are those of all records, which end before `ends` (R,); their
+    Jacobians' columns belong to the joint parameters `places` (R, W), none where that is negative. Others as in `innovations`,
+    and in `disturbance.Linearisation`, where the law is.
+    """
+    size, width = len(free), columns.shape[1]
+    x, spread, sums = np.empty_like(columns), np.empty(len(columns)), np.empty((width, width))
+    h, g = np.empty((size, size)), np.empty(size)
+    for n in range(len(ratios)):
+        x[:] = columns
+        h[:], g[:] = 0.0, 0.0
+        for i in range(size):
+            h[i, i] = prior[i]
+        logarithms, begin = 0.0, 0
+        for r in range(len(ends)):
+            part = slice(begin, ends[r])
+            innovations(
+                t[part],
+                tau,
+                ratios[n],
+                moving[part],
+                noise[part],
+                of_position,
+                of_speed,
+                x[part],
+                spread[part],
+            )
+            for m in range(begin, ends[r]):
+                logarithms += math.log(spread[m])
+            fill_products(x[part], sums)
+            for i in range(1, width):
+                at = places[r, i - 1]
+                if at >= 0 and free[at]:
+                    g[at] += sums[0, i]
+                    for k in range(1, width):
+                        other = places[r, k - 1]
+                        if other >= 0 and free[other]:
+                            h[at, other] += sums[i, k]
+            begin = ends[r]
+        count = 0
+        for i in range(size):
+            if not free[i]:
+                h[i, i] = 0.0
+            count += h[i, i] != 0.0
+        logarithms += invert(h, inverses[n])
+        for i in range(size):
+            changes[n, i] = 0.0
+            for k in range(size):
+                changes[n, i] += inverses[n, i, k] * g[k]
+        squares, begin = 0.0, 0
+        for r in range(len(ends)):
+            for m in range(begin, ends[r]):
+                left = x[m, 0]
+                for i in range(1, width):
+                    if places[r, i - 1] >= 0:
+                        left -= x[m, i] * changes[n, places[r, i - 1]]
+                squares += left * left
+            begin = ends[r]
+        freedom = max(len(columns) - count, 1)
+        variances[n] = max(squares / freedom, 1e-300)
+        deviances[n] = freedom * math.log(variances[n]) + logarithms
+
+
+@compiled
+def andrews_alpha(x: Array) -> float:
+    """Return α(1) of Andrews (1991, equation 6.4) for series x (N, P), from an AR(1) fitted to each.
+
+    Every one counts the same, whatever its unit: weights 1/σ⁴.
+    """
+    total, used = 0.0, 0
+    for c in range(x.shape[1]):
+        power = product = 0.0
+        for k in range(1, len(x)):
+            power += x[k - 1, c] * x[k - 1, c]
+            product += x[k - 1, c] * x[k, c]
+        if power > 0.0:
+            rho = min(max(product / power, -0.999), 0.999)
+            total += 4.0 * rho * rho / ((1.0 - rho) * (1.0 + rho)) ** 2
+            used += 1
+    return total / used if used else 0.0
 
 
 @compiled
@@ -103,11 +217,27 @@ def moving_sums(s: Array, lag: int, w: Array) -> None:
 
 
 @compiled
+def on_the_circle(periods: float) -> tuple[float, float]:
+    """Return cosine and sine of an angle in periods, by their series within an eighth of one: eight angles at a time."""
+    part = periods - np.rint(periods)
+    quarters = np.rint(4.0 * part)
+    z = 2.0 * math.pi * (part - 0.25 * quarters)
+    x, c, s = z * z, 1.0, 1.0
+    for n in range(8, 0, -1):
+        c = 1.0 - _COSINE[n - 1] * x * c
+        s = 1.0 - _SINE[n - 1] * x * s
+    s *= z
+    odd = quarters * quarters == 1.0
+    sign = 1.0 if quarters == 0.0 else -1.0
+    return (-quarters * s, quarters * c) if odd else (sign * c, sign * s)
+
+
+@compiled
 def harmonics(periods: Array, count: int) -> Array:
     """Return cosine and sine of each of so many harmonics in turn, as rows (2 count, M), for an angle in periods (M,)."""
     out = np.empty((2 * count, len(periods)))
     for k in range(len(periods)):
-        out[0, k], out[1, k] = math.cos(2 * math.pi * periods[k]), math.sin(2 * math.pi * periods[k])
+        out[0, k], out[1, k] = on_the_circle(periods[k])
     for m in range(2, 2 * count, 2):
         for k in range(len(periods)):
             out[m, k] = out[m - 2, k] * out[0, k] - out[m - 1, k] * out[1, k]
@@ -164,3 +294,38 @@ def find_places(places: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray
             n += 1
         out[k] = n if n < len(places) and places[n] == wanted[k] else -1
     return out
+
+
+@strictly_compiled
+def equations_of_step(
+    information: Array,
+    g: Array,
+    damping: float,
+    theta: Array,
+    lower: Array,
+    upper: Array,
+    moves: NDArray[np.bool_],
+    active: NDArray[np.int64],
+    scale: Array,
+    left: Array,
+    right: Array,
+) -> int:
+    """Fill left (P²,) and right (P,) with the equations (H + λ diag H) s = g of a step from theta (P,), in scaled parameters.
+
+    Only entries that may move, aren't pressed against a bound (lower, upper) and have an effect take part: their number A is
+    returned, `active` and `scale` begin with their places and scales, `left` with A rows of A and `right` with as many numbers.
+    """
+    count = 0
+    for n in range(len(g)):
+        pressed = (theta[n] <= lower[n] and g[n] < 0.0) or (theta[n] >= upper[n] and g[n] > 0.0)
+        if moves[n] and not pressed and information[n, n] > _NOTHING:
+            active[count] = n
+            scale[count] = 1.0 / math.sqrt(information[n, n])
+            count += 1
+    for i in range(count):
+        right[i] = scale[i] * g[active[i]]
+        for k in range(count):
+            # In this order: the scales' product alone may be too large for a float.
+            left[i * count + k] = scale[i] * information[active[i], active[k]] * scale[k]
+        left[i * count + i] += damping
+    return count

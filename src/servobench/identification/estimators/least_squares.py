@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
-from servobench.identification.models.base import Prediction, Structure
+from servobench.identification.models.base import Prediction, Structure, as_protocol
 from servobench.recordings.measurement.dataset import Dataset
 
 _STEPS = 100
 _AGAIN = 4  # times
 _STEPS_TO_VALLEY = 25
 _AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
-_NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
 _SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
 _FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
 _VALLEYS = 2  # of the starts into curved valleys are followed to their ends
@@ -99,7 +98,7 @@ class Layout:
 
     @cached_property
     def _summing(self) -> NormalEquations | None:
-        return self.structure if isinstance(self.structure, NormalEquations) else None
+        return as_protocol(self.structure, NormalEquations)
 
     def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from a joint vector (P + ΣQ,), along the structure's valley where it knows one."""
@@ -112,7 +111,7 @@ class Layout:
 
     @cached_property
     def _curved(self) -> CurvedValley | None:
-        return self.structure if isinstance(self.structure, CurvedValley) else None
+        return as_protocol(self.structure, CurvedValley)
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lower and the upper bounds of the joint vector."""
@@ -227,15 +226,9 @@ def descent(
     moves = np.ones(len(start), dtype=bool) if free is None else free
     point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
     for step in range(1, steps + 1):
-        at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
-        active = np.flatnonzero(moves & ~at_bound & (point.h.diagonal() > _NOTHING))
-        if not len(active):
+        change = _damped_change(point, damping, lower, upper, moves)
+        if change is None:
             return _end_descent(point, None, True, "every parameter is at a bound")
-        change = np.zeros_like(point.theta)
-        every = len(active) == len(moves)
-        h, g = (point.h, point.g) if every else (point.h[active[:, None], active], point.g[active])
-        change[active] = _damped_step(h, g, damping)
-        change = np.minimum(np.maximum(point.theta + change, lower), upper) - point.theta
         reached = np.minimum(np.maximum(layout.move(point.theta, change), lower), upper)
         if _small(change, point, layout):
             return _end_descent(point, change, True, f"converged in {step} steps")
@@ -325,18 +318,33 @@ def _after_a_rise(cost: float, before: float) -> float:
     return 10 * min((cost / before) ** 0.25, 100.0) if before > 0 else 1000.0
 
 
-def _damped_step(h: Array, g: Array, damping: float) -> Array:
-    """The step of (H + λ diag H) s = g, in scaled parameters, so that their units don't matter."""
-    scale = 1.0 / np.sqrt(h.diagonal())
-    scaled = (
-        scale[:, None] * h * scale
-    )  # in this order: the scales' product alone may be too large for a float
-    scaled.flat[:: len(g) + 1] += damping
+def _damped_change(
+    point: Point, damping: float, lower: Array, upper: Array, moves: NDArray[np.bool_]
+) -> Array | None:
+    """The step (P + ΣQ,) of (H + λ diag H) s = g, cut at the bounds; None where every parameter is at one."""
+    from servobench.identification.estimators import kernels
+
+    size = len(point.theta)
+    active, scale, left, right = (
+        np.empty(size, dtype=np.int64),
+        np.empty(size),
+        np.empty(size * size),
+        np.empty(size),
+    )
+    count = kernels.equations_of_step(
+        point.h, point.g, damping, point.theta, lower, upper, moves, active, scale, left, right
+    )
+    if not count:
+        return None
+    equations = left[: count * count].reshape(count, count)
     try:
-        step = np.linalg.solve(scaled, scale * g)
+        step = np.linalg.solve(equations, right[:count])
     except np.linalg.LinAlgError:  # parameters that the data can't separate: the shortest of all steps
-        step = np.linalg.lstsq(scaled, scale * g, rcond=None)[0]
-    return np.asarray(scale * step, dtype=np.float64)
+        step = np.linalg.lstsq(equations, right[:count], rcond=None)[0]
+    change = np.zeros(size)
+    change[active[:count]] = scale[:count] * step
+    cut: Array = np.minimum(np.maximum(point.theta + change, lower), upper) - point.theta
+    return cut
 
 
 def _small(change: Array, point: Point, layout: Layout) -> bool:

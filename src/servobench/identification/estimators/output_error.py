@@ -41,7 +41,7 @@ from servobench.identification.estimators.near_bounds import intervals_near_boun
 from servobench.identification.estimators.other_minima import other_minima
 from servobench.identification.estimators.repetition import fold, period, repeats
 from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
-from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure
+from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure, as_protocol
 from servobench.recordings.measurement.dataset import Dataset
 
 
@@ -114,7 +114,7 @@ def _roughly(
     findings: list[Finding] = []
     used: DelayPrior | None = None
     # A richer structure begins where a plain one ended, whose delay was expected already; each further search of it takes long.
-    prior = prior_of_delay(structure, data) if isinstance(structure, NormalEquations) else None
+    prior = prior_of_delay(structure, data) if as_protocol(structure, NormalEquations) else None
     if prior is not None:
         sd = float(np.sqrt(covariance[prior.at, prior.at]))
         usual = where_expected(structure, data, minimum, sd, prior)
@@ -304,8 +304,9 @@ def simulate_record(structure: Structure, theta: Array, data: Dataset) -> Fitted
 
 def with_start_fitted(structure: Structure, theta: Array, data: Dataset) -> Minimum:
     """Return the minimum (P + Q,) over a record's own start state, with parameters theta (P,) held."""
-    if isinstance(structure, StartStateGuesses):
-        starts = structure.starts(theta, data)
+    guessing = as_protocol(structure, StartStateGuesses)
+    if guessing is not None:
+        starts = guessing.starts(theta, data)
     else:
         starts = tuple(np.concatenate([theta, guess[len(theta) :]]) for guess in structure.guesses([data]))
     free = np.arange(len(starts[0])) >= len(theta)

@@ -87,11 +87,11 @@ class PredictionError:
         start = OutputError().fit(structure, data, starts)
         return self.fit_after(start)
 
-    def fit_after(self, start: Fit) -> Fit:
-        """Return the fit that begins from another estimator's."""
+    def fit_after(self, start: Fit, test: Profile | None = None) -> Fit:
+        """Return the fit that begins from another estimator's; `test` is that one's `disturbance_test`, if it exists already."""
         structure, data = start.model.structure, tuple(record.data for record in start.records)
         theta = start.vector
-        found = _profile(structure, data, theta)
+        found = test or _profile(structure, data, theta)
         for remaining in reversed(range(_ROUNDS)):
             before = theta
             model = WhitenedStructure(

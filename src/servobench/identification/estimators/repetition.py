@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _PROBES = 32
 _SAME = 1e-9  # of the input's range
@@ -52,6 +52,7 @@ class Cycle:
         return now[before], before
 
 
+@keep_with_data
 def period(data: Dataset) -> Cycle | None:
     """Return after how much of a record's even grid its input repeats, twice at least; None where it doesn't."""
     from servobench.identification.estimators import kernels

@@ -31,8 +31,9 @@ def input_correlation(record: FittedRecord) -> float:
 def _correlation(x: Array) -> Array:
     """The two-sided autocorrelation of a series, up to a quarter of its length."""
     n = len(x)
-    size = 1 << int(np.ceil(np.log2(2 * n)))
+    lags = max(n // 4, 1)
+    size = 1 << int(np.ceil(np.log2(n + lags)))  # so that none of the lags meets the series' other end
     spectrum = np.fft.rfft(x, size)
-    one_sided = np.fft.irfft(np.abs(spectrum) ** 2, size)[: max(n // 4, 1)]
+    one_sided = np.fft.irfft(np.abs(spectrum) ** 2, size)[:lags]
     rho = one_sided / one_sided[0]
     return np.concatenate([rho[:0:-1], rho])

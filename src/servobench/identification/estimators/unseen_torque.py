@@ -62,8 +62,7 @@ def _extra_covariance(fit: Fit) -> Array:
     finest = Disturbance(tau=tau, ratio=float(q[-1] / r), variance=r)
     near = replace(linearise(structure, data, fit.vector, finest), prior=r / (WEAK * sizes(fit)) ** 2)
     none = near.under(tau, 0.0)
-    ratios = q / none.variance
-    trials = [none, *(near.under(tau, float(ratio)) for ratio in ratios)]
+    trials = [none, *near.under_each(tau, q / none.variance)]
     weights = _weights(trials)
     apart = np.array([(trial.change - none.change)[:shared] for trial in trials])
     each = np.array([trial.covariance[:shared, :shared] for trial in trials])

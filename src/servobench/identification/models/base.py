@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, TypeAlias, get_args, runtime_checkable
+from typing import Literal, Protocol, TypeAlias, TypeVar, cast, get_args, runtime_checkable
 
 import numpy as np
 
@@ -112,6 +112,21 @@ class Simulator(Protocol):
         ...
 
 
+T = TypeVar("T")
+_FULFILLED: dict[tuple[type, type], bool] = {}
+
+
+def as_protocol(structure: Structure, protocol: Callable[..., T]) -> T | None:
+    """Return a structure as something that it can do besides, such as a `Simulator`, None where it can't.
+
+    That is what `isinstance` says, asked once for each class: asking takes as long as a short simulation.
+    """
+    key = (type(structure), cast(type, protocol))
+    if key not in _FULFILLED:
+        _FULFILLED[key] = isinstance(structure, key[1])
+    return cast(T, structure) if _FULFILLED[key] else None
+
+
 STRUCTURES: Registry[Structure] = Registry(
     "model structure", "servobench.identification.models", "servobench.models"
 )
@@ -166,6 +181,7 @@ def simulate_output(structure: Structure, theta: Array, data: Dataset, u: Array 
 
     `u` (N,) is an input in place of the dataset's own, at the same times.
     """
-    if isinstance(structure, Simulator):
-        return structure.simulate(theta, data, data.u if u is None else u)
+    simulator = as_protocol(structure, Simulator)
+    if simulator is not None:
+        return simulator.simulate(theta, data, data.u if u is None else u)
     return structure.predict(theta, data if u is None else replace(data, u=u, reference=None)).y

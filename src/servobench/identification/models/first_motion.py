@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from servobench.recordings.measurement.dataset import Dataset
-from servobench.recordings.measurement.first_motion import noise_of
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _FEW = 3  # samples that show a rest
 _CLEAR = 3.0  # times the noise: a top speed that stands out
@@ -28,6 +27,7 @@ def latest_delay(data: Sequence[Dataset]) -> float:
     return min(bounds, default=np.inf)
 
 
+@keep_with_data
 def rests_at_first(data: Dataset) -> bool:
     """Return whether the shaft rests when a record begins, while its input does more than one thing.
 
@@ -38,12 +38,13 @@ def rests_at_first(data: Dataset) -> bool:
     return stands_at_first(data) and len(changes) > 0 and bool(changes[0] <= data.t_output[0] + stood)
 
 
+@keep_with_data
 def stands_at_first(data: Dataset) -> bool:
     """Return whether the output stands when a record begins, beside noise and counts.
 
     A position does so for so long that the top speed would have led far away; a speed is none.
     """
-    noise = noise_of(data)
+    noise = data.noise
     if not noise > 0:
         return False
     if data.kind == "speed":
@@ -53,7 +54,7 @@ def stands_at_first(data: Dataset) -> bool:
 
 def _standstill_time(data: Dataset) -> float:
     """How long [s] the output stays where it begins; 0 for one that never leaves."""
-    away = np.flatnonzero(np.abs(data.y - np.median(data.y[:_FEW])) > noise_of(data))
+    away = np.flatnonzero(np.abs(data.y - np.median(data.y[:_FEW])) > data.noise)
     return float(data.t_output[away[0]] - data.t_output[0]) if len(away) else 0.0
 
 

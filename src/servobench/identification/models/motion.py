@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
-from servobench.recordings.measurement.dataset import Dataset
-from servobench.recordings.measurement.first_motion import noise_of
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _RARE = 1.5  # times what two readings of a shaft at rest may differ by: the most of a thousand of them do by more than that once
 
@@ -18,6 +17,7 @@ _RARE = 1.5  # times what two readings of a shaft at rest may differ by: the mos
 _BACK = 0.1  # of the way: a position that comes back as far turned round
 
 
+@keep_with_data
 def directions(data: Dataset) -> Array:
     """Return the direction of motion at each output sample, -1, 0 or 1, from the smoothed speed, shape (M,)."""
     speed = smooth_speed(data)
@@ -31,6 +31,7 @@ def turns_both_ways(data: Sequence[Dataset]) -> bool:
     return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
 
 
+@keep_with_data
 def _senses(data: Dataset) -> Array:
     """The directions (M,); all forward where a position comes back by no more than the noise of a shaft at rest does."""
     found = directions(data)
@@ -38,12 +39,13 @@ def _senses(data: Dataset) -> Array:
         return found
     forward = 1.0 if data.y[-1] >= data.y[0] else -1.0
     way = forward * data.y
-    least = min(_RARE * noise_of(data), _BACK * float(np.ptp(way)))
+    least = min(_RARE * data.noise, _BACK * float(np.ptp(way)))
     if float(np.max(np.maximum.accumulate(way) - way)) > least:
         return found
     return np.where(found * forward > 0.0, found, 0.0)
 
 
+@keep_with_data
 def smooth_speed(data: Dataset) -> Array:
     """Return a speed for orientation only, in the unit of the position a second, shape (M,).
 

@@ -19,8 +19,9 @@ from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.covariance import conservative, inverse, sandwich_from_bread
+from servobench.identification.models.base import simulate_output
 from servobench.recordings.measurement.base import Chain
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from servobench.recordings.measurement.grid import grid_step
 
 _SETTLED = 8.0  # lags; e^-8 = 0.0003
@@ -52,17 +53,12 @@ def current_line(fit: Fit, theta: Array, lag: float) -> CurrentLine | None:
 
     None where fewer than 30 samples can be used.
     """
-    settled = _SETTLED * max(_whole_delay(fit), lag, 0.0)
-    rows = [
-        _rows(fit, record, theta, lag, settled) for record in fit.records if record.data.current is not None
-    ]
+    rows = _all_rows(fit, theta, lag)
     x, y = np.vstack([x for x, _ in rows]), np.concatenate([y for _, y in rows])
     step = _quantum(fit)
     if len(y) < _LEAST:
         return None
-    h = x.T @ x
-    bread = inverse(h)
-    beta = bread @ (x.T @ y)
+    bread, beta = _solve(x, y)
     residual = y - x @ beta
     variance = float(residual @ residual) / (len(y) - 3)
     ends = np.cumsum([len(y) for _, y in rows])[:-1]
@@ -75,6 +71,13 @@ def current_line(fit: Fit, theta: Array, lag: float) -> CurrentLine | None:
         samples=len(y),
         explained=1.0 - float(np.var(residual)) / spread if spread > 0 else 0.0,
     )
+
+
+def current_coefficients(fit: Fit, theta: Array, lag: float) -> Array:
+    """Return the coefficients (1/R, k/R, i₀) (3,) of `current_line` alone, NaN where there is none."""
+    rows = _all_rows(fit, theta, lag)
+    x, y = np.vstack([x for x, _ in rows]), np.concatenate([y for _, y in rows])
+    return _solve(x, y)[1] if len(y) >= _LEAST else np.full(3, np.nan)
 
 
 def doubts(line: CurrentLine | None) -> Finding | None:
@@ -98,6 +101,20 @@ def doubts(line: CurrentLine | None) -> Finding | None:
             "inverted, or it isn't this motor's.",
         )
     return None
+
+
+def _all_rows(fit: Fit, theta: Array, lag: float) -> list[tuple[Array, Array]]:
+    """What `_rows` gives for each record with a current."""
+    settled = _SETTLED * max(_whole_delay(fit), lag, 0.0)
+    return [
+        _rows(fit, record, theta, lag, settled) for record in fit.records if record.data.current is not None
+    ]
+
+
+def _solve(x: Array, y: Array) -> tuple[Array, Array]:
+    """(X'X)⁻¹ (3, 3) and the coefficients (3,) of least squares."""
+    bread = inverse(x.T @ x)
+    return bread, bread @ (x.T @ y)
 
 
 def _quantum(fit: Fit) -> float:
@@ -129,14 +146,16 @@ def _rows(fit: Fit, record: FittedRecord, theta: Array, lag: float, settled: flo
     data = record.data
     if data.current is None:
         return np.empty((0, 3)), np.empty(0)
-    held, voltage = _hold_mask(data, settled + data.delay)
+    since, voltage = _hold_times(data)
+    held = since >= settled + data.delay - _TOLERANCE * data.sample_time
     use = np.flatnonzero(held & np.isfinite(data.current) & (data.t_output - lag > data.t_output[0]))
     speed = _speed(fit, record, theta, data.t_output[use] - lag)
     return np.column_stack([voltage[use], -speed, np.ones(len(use))]), data.current[use]
 
 
-def _hold_mask(data: Dataset, settled: float) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], Array]:
-    """Whether the input has held for that time [s] at each sample of the output (M,), and its value (M,) just before it."""
+@keep_with_data
+def _hold_times(data: Dataset) -> tuple[Array, Array]:
+    """How long [s] the input has held at each sample of the output (M,), and its value (M,) just before it."""
     step = _TOLERANCE * data.sample_time
     before = np.concatenate([[data.input_before], data.u[:-1]])
     changes = data.t_input[data.u != before]
@@ -145,7 +164,7 @@ def _hold_mask(data: Dataset, settled: float) -> tuple[np.ndarray[tuple[int], np
     since[last >= 0] = (data.t_output - changes[np.maximum(last, 0)])[last >= 0] if len(changes) else np.inf
     at = np.searchsorted(data.t_input, data.t_output - step) - 1
     value = np.where(at >= 0, data.u[np.maximum(at, 0)], data.input_before)
-    return since >= settled - step, value
+    return since, value
 
 
 def _speed(fit: Fit, record: FittedRecord, theta: Array, t: Array) -> Array:
@@ -158,4 +177,4 @@ def _speed(fit: Fit, record: FittedRecord, theta: Array, t: Array) -> Array:
         data, t_output=times, y=np.zeros(len(times)), output_unit=f"{data.position_unit}/s", kind="speed", quantum=None,
         declared=Chain(), applied=Chain(), current=None,
     )  # fmt: skip
-    return structure.predict(np.append(theta, start), shaft).y[1:]
+    return simulate_output(structure, np.append(theta, start), shaft)[1:]

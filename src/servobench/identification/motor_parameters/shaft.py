@@ -12,7 +12,12 @@ from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
 from servobench.identification.estimators.base import Fit
-from servobench.identification.motor_parameters.current import current_line, doubts, has_current
+from servobench.identification.motor_parameters.current import (
+    current_coefficients,
+    current_line,
+    doubts,
+    has_current,
+)
 from servobench.identification.motor_parameters.observation import Law, Motor, Observation, nothing, stiffness
 
 
@@ -96,8 +101,8 @@ def _numbers(fit: Fit, theta: Array, with_current: bool) -> Array:
     if winding is not None:
         numbers.append(winding)
     if with_current:
-        line = current_line(fit, theta[:-1], float(theta[-1] if winding is None else winding))
-        numbers += list(line.coefficients[:2]) if line is not None else [np.nan, np.nan]
+        lag = float(theta[-1] if winding is None else winding)
+        numbers += list(current_coefficients(fit, theta[:-1], lag)[:2])
     return np.array(numbers, dtype=np.float64)
 
 

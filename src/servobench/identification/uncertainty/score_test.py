@@ -34,6 +34,9 @@ LIMIT = 5.0  # standard deviations of a normal number that is as improbable
 ASKED = 2.0  # below that the amount of a term isn't computed
 SMALL: Final = 1e-4
 """Of the largest input: the size of a term's extra input, small enough for the response to be linear in it."""
+_AT_ONCE = (
+    2**15
+)  # samples, over the terms whose columns are held at once: about what a processor's cache holds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,41 +132,50 @@ class ScoreTest:
     def scores(self, terms: Sequence[Term]) -> Iterator[TermScore]:
         """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
         in_radians = all(run.record.data.position_unit == "rad" for run in self.runs)
-        for term in terms:
-            if term.code == "ripple" and not in_radians:
-                continue
-            yield self._score(term, np.concatenate([run.columns(term) for run in self.runs]))
+        possible = [term for term in terms if term.code != "ripple" or in_radians]
+        at_once = max(_AT_ONCE // len(self.innovations), 1)
+        for first in range(0, len(possible), at_once):
+            yield from self._scores(possible[first : first + at_once])
 
-    def _score(self, term: Term, columns: Array) -> TermScore:
-        """The test for one term, for white innovations or for their own colour.
-
-        The colour is looked at only where white innovations would call for the term.
-        """
-        plain = TermScore(term=term, size=0.0, fit=self.fit, largest=self.runs[0].largest)
+    def _scores(self, terms: Sequence[Term]) -> Iterator[TermScore]:
+        """The tests of a few terms, which share what is done to their columns."""
+        added = [run.columns(terms) for run in self.runs]
+        columns = np.concatenate([x for x, _ in added]) if len(added) > 1 else added[0][0]
         norms = _lengths(columns)
-        rest = columns - self.basis @ (self.basis.T @ columns)
+        rest = self.basis @ (self.basis.T @ columns)
+        np.subtract(columns, rest, out=rest)
         # What is left of a column that the Jacobian explains is rounding error.
         told = np.isfinite(norms) & (_lengths(rest) > 1e-6 * norms)
-        if not told.any():
-            return plain
-        rest = rest[:, told] / norms[told]
+        rest /= np.where(told, norms, 1.0)
         total, power = self.innovations @ rest, rest.T @ rest
-        size = _normal_equivalent(total, power)
-        if size <= ASKED:
-            return replace(plain, size=size)
+        for n, term in enumerate(terms):
+            at = np.flatnonzero(told & (added[0][1] == n))
+            white = _normal_equivalent(total[at], power[at[:, None], at]) if len(at) else 0.0
+            plain = TermScore(term=term, size=white, fit=self.fit, largest=self.runs[0].largest)
+            yield (
+                plain if white <= ASKED else self._with_amount(plain, columns[:, at], norms[at], rest[:, at])
+            )
+
+    def _with_amount(self, plain: TermScore, columns: Array, norms: Array, rest: Array) -> TermScore:
+        """The test for one term for the innovations' own colour, and its amount: white ones would call for it.
+
+        `columns` (N, K) of that length (K,) are what it adds, `rest` (N, K) what the parameters leave of them, over the length.
+        """
+        term, total, power = plain.term, self.innovations @ rest, rest.T @ rest
         size, coloured = _size_of(self.fit, self.innovations, rest)
-        bread = np.linalg.pinv(power) / norms[told]
+        bread = np.linalg.pinv(power) / norms
         amount = total @ bread
-        if term.code == "ripple" and np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
-            return plain
+        if term.code == "ripple" and np.abs(rest @ (norms * amount)).max() < self.hidden:
+            return replace(plain, size=0.0)
         unit = 1.0 if term.to_input is None else SMALL * self.runs[0].largest
+        off = self.joint_shift(columns @ amount)
         return replace(
             plain,
             size=size,
             amount=unit * amount,
             covariance=unit**2 * bread.T @ coloured @ bread,
-            moved=self._shift_in_sd(columns[:, told] @ amount),
-            off=self.joint_shift(columns[:, told] @ amount)[: len(self.fit.model.theta)],
+            moved=self._in_sd(off),
+            off=off[: len(self.fit.model.theta)],
             columns=rest if size > term.limit else plain.columns,
         )
 
@@ -182,9 +194,8 @@ class ScoreTest:
         off[matters] = np.linalg.lstsq(self.triangle, seen, rcond=1e-12)[0] / self.scale[matters]
         return off
 
-    def _shift_in_sd(self, lacking: Array) -> float:
-        """By how many standard deviations what is lacking in the innovations has moved gain or time constant."""
-        off = self.joint_shift(lacking)
+    def _in_sd(self, off: Array) -> float:
+        """By how many standard deviations gain or time constant are off where the joint vector (P + ΣQ,) is off by that."""
         sd = np.sqrt(np.diag(self.fit.covariance))
         names = self.fit.model.names
         at = [names.index(name) for name in ("gain", "time_constant") if name in names]
@@ -235,9 +246,9 @@ def _normal_equivalent(total: Array, spread: Array) -> float:
     """The normal number that is as improbable as χ² = x' S⁻¹ x, x (K,) with covariance S (K, K)."""
     from scipy.special import chdtrc, ndtri
 
-    values, vectors = np.linalg.eigh(spread)
-    told = values > 1e-9 * values[-1]
-    chi2 = float(np.sum((total @ vectors[:, told]) ** 2 / values[told]))
+    from servobench.identification.estimators import symmetric
+
+    chi2 = symmetric.chi_square(total, spread)
     return float(-ndtri(0.5 * max(float(chdtrc(len(total), max(chi2, 0.0))), 1e-300)))
 
 
@@ -267,8 +278,15 @@ class _Run:
         """The output without any term, (M,)."""
         return simulate_output(self.fit.model.structure, self.theta, self.plain)
 
-    def columns(self, term: Term) -> Array:
-        """What the term adds to the innovations, as columns (valid, K)."""
+    def columns(self, terms: Sequence[Term]) -> tuple[Array, NDArray[np.int64]]:
+        """What terms add to the innovations, as columns (valid, K), and the number of the term of each (K,)."""
+        added = [self._output_of(term) for term in terms]
+        whose = np.repeat(np.arange(len(terms)), [len(each) for each in added])
+        columns = np.column_stack([column for each in added for column in each])
+        return in_innovations(self.fit, self.record, columns), whose
+
+    def _output_of(self, term: Term) -> list[Array]:
+        """What a term adds to the output, as columns (M,)."""
         added = []
         if term.to_input is not None:
             for extra in term.to_input(self.motion):
@@ -281,8 +299,7 @@ class _Run:
             added += [data.chain.linear(extra[now], data.t_output) for extra in term.to_output(self.motion)]
         if term.curved in self.fit.model.names:
             added.append(self._curvature(self.fit.model.names.index(term.curved)))
-        columns = np.column_stack(added) if added else np.zeros((len(self.record.data.y), 1))
-        return in_innovations(self.fit, self.record, columns)
+        return added or [np.zeros(len(self.record.data.y))]
 
     def _curvature(self, at: int) -> Array:
         """The second derivative of the output by a parameter that is a time, over a tenth of a sample time either way.
@@ -367,7 +384,8 @@ def in_innovations(fit: Fit, record: FittedRecord, x: Array) -> Array:
         return np.asarray(counted / fit.residual_sd, dtype=np.float64)
     theta = np.concatenate([fit.model.theta, record.nuisance])
     sliding = fit.model.structure.sliding(theta, record.data)
-    return whiten(x, record.data, sliding, fit.disturbance)[record.valid]
+    white = whiten(x, record.data, sliding, fit.disturbance)
+    return white if record.valid.all() else white[record.valid]
 
 
 def _joint(jacobians: list[Array], shared: int) -> Array:

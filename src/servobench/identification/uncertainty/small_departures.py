@@ -49,7 +49,7 @@ def with_small_departures(fit: Fit) -> Fit:
 
 def _columns(test: ScoreTest, term: Term) -> Array:
     """What a term adds to the innovations of all records (N,)."""
-    return np.asarray(np.concatenate([run.columns(term)[:, 0] for run in test.runs]), dtype=np.float64)
+    return np.asarray(np.concatenate([run.columns([term])[0][:, 0] for run in test.runs]), dtype=np.float64)
 
 
 def _warming(gain: float, largest: float) -> Term:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, wraps
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +15,10 @@ from servobench.core.channels import LARGEST_VALUE, Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding
 from servobench.recordings.measurement.base import Chain, Kind, Mask, StartState
-from servobench.recordings.measurement.first_motion import FirstMotion, first_motion
+from servobench.recordings.measurement.first_motion import FirstMotion, first_motion, noise_of
 from servobench.recordings.recording import Source
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -82,11 +86,11 @@ class Dataset:
                 raise UsageError(
                     f"{self.name}: the {what} has values of shape {x.shape} and times of shape {t.shape}"
                 )
-            if not ((np.abs(t) <= LARGEST_VALUE).all() and (np.abs(x) <= LARGEST_VALUE).all()):
+            if not (_is_within_reach(t) and _is_within_reach(x)):
                 raise UsageError(
                     f"{self.name}: the {what} has values that are not finite, or beyond {LARGEST_VALUE:g}; leave those rows out"
                 )
-            if (np.diff(t) <= 0).any():
+            if (t[1:] <= t[:-1]).any():
                 raise UsageError(f"{self.name}: the times of the {what} don't increase everywhere")
         r = self.reference
         if r is not None and (r.shape != self.u.shape or not np.isfinite(r).all()):
@@ -193,6 +197,11 @@ class Dataset:
         return float(np.median(np.diff(self.t_input))) if len(self.t_input) > 1 else float("inf")
 
     @cached_property
+    def noise(self) -> float:
+        """How far apart two samples of an output that stands may lie, in its unit."""
+        return noise_of(self)
+
+    @cached_property
     def first_motion(self) -> FirstMotion | None:
         """The record's first motion; None where the input changes at once, or the output doesn't stand until it does."""
         return first_motion(self)
@@ -240,3 +249,23 @@ class Dataset:
     def _hold_indices(self, t: Array) -> NDArray[np.int64]:
         """The indices of the input's values that held at times t (K,)."""
         return np.maximum(np.searchsorted(self.t_input, t, side="right") - 1, 0)
+
+
+def _is_within_reach(x: Array) -> bool:
+    """Whether all values are finite and none is too large to reckon with."""
+    return bool(x.max() <= LARGEST_VALUE and x.min() >= -LARGEST_VALUE)
+
+
+def keep_with_data(function: Callable[[Dataset], T]) -> Callable[[Dataset], T]:
+    """Let a function of a dataset alone be evaluated once for each: the result is kept with the dataset, which is frozen."""
+    name = f"{function.__module__}.{function.__qualname__}"
+
+    @wraps(function)
+    def find(data: Dataset) -> T:
+        memory = vars(data)
+        if name not in memory:
+            memory[name] = function(data)
+        found: T = memory[name]
+        return found
+
+    return find
