@@ -213,6 +213,7 @@ def _show(console: Console, made: Ensemble, found: Sequence[IdentifiedMotor]) ->
 
     from servobench.cli.layout import show_table, show_wrapped
     from servobench.cli.terminal import say
+    from servobench.core.parameter_names import plain_words
     from servobench.core.rounding import count_text
     from servobench.fleet.ensemble import coverages
     from servobench.fleet.ensemble_page import coverage_text, outcome_row, remark, sentences
@@ -224,6 +225,6 @@ def _show(console: Console, made: Ensemble, found: Sequence[IdentifiedMotor]) ->
         show_wrapped(console, Text(""), sentence, hanging=2)
     for name in made.outcomes:
         if told := remark(made, name):
-            show_wrapped(console, Text(f"{name.replace('_', ' ')}: "), told, hanging=2)
+            show_wrapped(console, Text(f"{plain_words(name)}: "), told, hanging=2)
     for each in coverages(made, found):
         show_wrapped(console, Text(""), coverage_text(each), hanging=2)
