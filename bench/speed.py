@@ -305,19 +305,6 @@ def against_jax(size: Size, python: str) -> list[Figure]:
     return [Figure(what=what, value=middle, half=(low, high), unit="times", goal="3")]
 
 
-def identifications(size: Size) -> list[Figure]:
-    """Return what an identification costs, everything on, of a recording that is loaded."""
-    with sb.connect("twin", torque_noise=1e-6) as twin:
-        recording = sb.run(sb.Experiment(duration=size.short * STEP), twin)
-    figure = nanoseconds(
-        f"identify, {size.short} samples, everything on",
-        lambda: sb.identify(replace(recording)),
-        1_000_000,
-        size.pairs,
-    )
-    return [replace(figure, unit="ms", goal="below 20")]
-
-
 def commands(size: Size) -> list[Figure]:
     """Return how long `servobench run` of the paper's experiment takes, all of it, with what was compiled kept."""
     times = []
@@ -356,7 +343,6 @@ def main(size: Size = FULL, jax: str = "") -> list[Figure]:
             *against_runs(size, Path(folder)),
             *against_peers(size),
             *(against_jax(size, jax) if jax else ()),
-            *identifications(size),
             *commands(size),
         ]
 
