@@ -16,6 +16,7 @@ from servobench.identification.watch import Watch, stop_text
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.native.reader import read
 from servobench.recordings.streams.base import Rows
+from servobench.recordings.streams.line_table import LineTable
 from servobench.recordings.streams.networktables import NetworkTables
 from servobench.systems.signals.ramp import Ramp
 from tests.recordings.streams.robot import robot
@@ -148,6 +149,15 @@ def test_times_that_may_be_milliseconds_are_said_while_there_is_time_to_begin_ag
     assert "`time=COL:ms`" in watch.sentence()
 
 
+def test_times_that_may_be_microseconds_are_said_to_be_those(tmp_path: Path) -> None:
+    watch = Watch(ENCODER, "test", tmp_path / "recording.mcap")
+    OPEN.append(watch)
+    give(watch, (driven() * [1e6, 1, 1])[:200], ("time", "u", "counts"))
+
+    assert watch.sentence().startswith("the rows are 2000 s apart")
+    assert "`time=COL:us`" in watch.sentence()
+
+
 def test_one_way_is_enough_for_gain_and_says_what_both_directions_would_tell(tmp_path: Path) -> None:
     watch = watched(tmp_path, driven(low=1.0))
     watch.judge(identify_evidence(watch.so_far()))
@@ -261,6 +271,28 @@ def test_what_the_columns_are_is_asked_for_and_nothing_is_recorded(tmp_path: Pat
 def test_no_rows_are_no_recording(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no rows came"):
         Watch(ENCODER, "test", tmp_path / "a.mcap").end(stop_text("interrupted"))
+
+
+def test_lines_that_are_no_rows_are_shown_where_no_row_came(tmp_path: Path) -> None:
+    watch = Watch(ENCODER, "test", tmp_path / "a.mcap")
+    watch.take(LineTable().take(b"booting\nmotor = off\n"))
+
+    with pytest.raises(UsageError, match="the last line was 'motor = off', and rows like"):
+        watch.end(stop_text("end"))
+
+
+def test_what_was_left_out_is_said_by_its_reason(tmp_path: Path) -> None:
+    """A clock that runs backwards is no damaged line, and what didn't happen isn't counted."""
+    ahead = driven()[:2000]
+    back = ahead[::-1][1:]
+    watch = watched(tmp_path, np.concatenate([ahead, back]))
+    (evidence,) = watch.end(stop_text("end"))
+    said = {each.code: each.sentence for each in evidence.recording.findings}
+
+    assert said["stream-damaged"].endswith(
+        "rows of the stream with times that don't fit the rows around, as of a clock that runs backwards or jumps."
+    )
+    assert said["stream-rows-left-out"] == "Left out: 499 rows that came too late."
 
 
 def test_a_robots_gain_is_known_with_its_interval_within_twenty_seconds(tmp_path: Path) -> None:

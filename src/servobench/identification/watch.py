@@ -15,14 +15,14 @@ from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import count_text
+from servobench.core.rounding import count_text, plain
 from servobench.core.units import unit
 from servobench.identification.design.stopping_rule import StoppingRule
 from servobench.identification.estimators.recursion.motion import Samples
 from servobench.identification.estimators.recursion.start import Setting
 from servobench.identification.live import BOTH_WAYS, LiveEstimate
 from servobench.identification.result import Result
-from servobench.identification.trust.doubts.time_unit import may_be_milliseconds
+from servobench.identification.trust.doubts.time_unit import likely_unit, may_be_milliseconds
 from servobench.recordings.evidence import Evidence
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.measurement.base import Chain
@@ -120,8 +120,12 @@ class Watch:
             self._take(part)
         self.look_again()
         if self._writer is None:
+            came = self._intake.unread
+            instead = (
+                f"; the last line was {came!r}, and rows like 0.001,1.5,2048 were expected" if came else ""
+            )
             raise UsageError(
-                f"{self._name}: no rows came that a recording could be made of; nothing was recorded"
+                f"{self._name}: no rows came that a recording could be made of{instead}; nothing was recorded"
             )
         self._finish(stopped)
         self._writer.close()
@@ -165,9 +169,10 @@ class Watch:
         if self._evidence is None and not self._chains:
             return "waiting for rows"
         if self._slow:
+            name, symbol = likely_unit(self._slow)
             return (
-                f"the rows are {self._slow:.3g} s apart, which is slow for a motor; if the time column is in milliseconds, "
-                "end this and begin again with `time=COL:ms`"
+                f"the rows are {plain(self._slow, 3)} s apart, which is slow for a motor; if the time column is in {name}, "
+                f"end this and begin again with `time=COL:{symbol}`"
             )
         if self._live is None:
             return "recording; a speed is identified at the end, a position also live"
