@@ -46,9 +46,9 @@ def rows_of(experiment: sb.Experiment) -> Array:
     return np.column_stack([counts.t, recording["applied"].values, counts.values])
 
 
-def give(watch: Watch, values: Array, names: tuple[str, ...] = NAMES) -> None:
-    for begin in range(0, len(values), 97):
-        watch.take(Rows(names=names, values=values[begin : begin + 97]))
+def give(watch: Watch, values: Array, names: tuple[str, ...] = NAMES, count: int = 97) -> None:
+    for begin in range(0, len(values), count):
+        watch.take(Rows(names=names, values=values[begin : begin + count]))
 
 
 def watched(to: Path, values: Array, mapping: Mapping = ENCODER) -> Watch:
@@ -377,6 +377,46 @@ def test_a_pause_in_which_the_motor_is_driven_costs_no_result(tmp_path: Path, lo
     for name in ("gain", "time_constant"):
         low, high = result.fit[name].interval
         assert low < whole.fit[name].value < high
+
+
+@pytest.mark.parametrize("lost", [60, 4], ids=["0.12 s", "8 ms"])
+def test_a_short_gap_in_which_the_voltage_changed_is_bridged_only_if_it_is_a_few_rows(
+    tmp_path: Path, lost: int
+) -> None:
+    """The square wave changes in the middle of the gap, at row 3750: a bridge would hold the old voltage until its end."""
+    rows = driven()
+    watch = watched(tmp_path, np.delete(rows, np.s_[3750 - lost // 2 : 3750 + lost // 2], axis=0))
+    evidence = watch.end(stop_text("end"))
+
+    assert rows[3740, 1] != rows[3760, 1]
+    assert len(evidence) == (2 if lost > 5 else 1)
+    if lost > 5:
+        gain = sb.identify([each.dataset() for each in evidence]).fit["gain"]
+        assert gain.interval[1] - gain.interval[0] < 1e-3 * gain.value
+
+
+def test_a_shaft_that_rests_after_a_pause_costs_no_result(tmp_path: Path) -> None:
+    rows, rest = driven(), np.column_stack([30 + 0.002 * np.arange(500), np.zeros(500), np.full(500, 7.0)])
+    watch = watched(tmp_path, np.concatenate([rows[:6000], rest, np.add(rows, [31, 0, 7])]))
+    live = watch.message()
+    result = sb.identify([each.dataset() for each in watch.end(stop_text("end"))])
+    (tmp_path / "whole").mkdir()
+    whole = sb.identify([each.dataset() for each in watched(tmp_path / "whole", rows).end(stop_text("end"))])
+
+    assert live is not None
+    assert result.verdict == "trusted"
+    for low, high in (live["parameters"]["gain"]["interval"], result.fit["gain"].interval):
+        assert low < whole.fit["gain"].value < high
+
+
+def test_rows_that_come_singly_after_a_pause_are_waited_for_until_they_tell_a_start(tmp_path: Path) -> None:
+    """At 50 Hz the two time constants that a start is looked for in are fewer rows than it has unknowns."""
+    rows = driven(sample_time=0.02)
+    watch = watched(tmp_path, rows[:500])
+    give(watch, rows[540:], count=1)
+
+    assert watch.rows == len(rows) - 40
+    assert len(watch.end(stop_text("end"))) == 2
 
 
 def test_all_rows_at_once_and_no_more_tell_what_they_tell_in_turn(tmp_path: Path) -> None:

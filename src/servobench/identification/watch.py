@@ -42,6 +42,9 @@ _PAUSE = (
     0.25  # s without rows, in which the input may have changed: what comes then is a recording of its own
 )
 _LOST = 10  # rows in a pause at least: single lost ones of a slow stream are no pause
+_BLIND = (
+    5.5  # sample times, five lost rows, in which the input changed: when nobody knows, and a model needs it
+)
 _FEWEST = 20  # rows: fewer than any structure needs for a model
 
 
@@ -193,9 +196,7 @@ class Watch:
     def _take(self, part: Part) -> None:
         if part.link == "restart":
             self._finish(Stopped(reason="finished", sentence="the clock of the stream began again"))
-        elif self._evidence is not None and (paused := self._pause(part)) > max(
-            _PAUSE, _LOST * part.sample_time
-        ):
+        elif self._evidence is not None and (paused := self._pause(part)) > self._longest_pause(part):
             # What drove the motor meanwhile nobody knows, and no model bridges that.
             self._finish(Stopped(reason="finished", sentence=f"no rows came for {paused:.3g} s"))
         if self._evidence is None:
@@ -209,11 +210,17 @@ class Watch:
             self._writer.append(0, np.column_stack([t, *(each.values for each in series)]))
         if self._live is not None:
             self._follow(self._live, part, t)
+        self._input = float(_role(part.recording, "input").values[-1])
 
     def _pause(self, part: Part) -> float:
         """How long nothing came before these rows, by the stream's clock [s]; zero where they follow those before."""
         t = part.recording.series[0].t
         return float(t[0]) - self._last if part.link == "gap" and t is not None else 0.0
+
+    def _longest_pause(self, part: Part) -> float:
+        """How long a gap before these rows may be that a model bridges [s]: shorter where the input changed in it."""
+        changed = _role(part.recording, "input").values[0] != self._input
+        return _BLIND * part.sample_time if changed else max(_PAUSE, _LOST * part.sample_time)
 
     def _begin(self, part: Part) -> None:
         """Begin a recording: its columns are those of the first rows."""
@@ -276,10 +283,11 @@ class Watch:
 
     def _follow(self, live: LiveEstimate, part: Part, t: Array) -> None:
         output, input_ = _role(part.recording, "output"), _role(part.recording, "input")
-        u = input_.values * unit(input_.channel.unit or "").factor
-        if part.link == "gap" and u[0] != self._input:
-            live.start_again(self._input)  # what the input was meanwhile nobody knows
-        self._input = float(u[-1])
+        factor = unit(input_.channel.unit or "").factor
+        if part.link == "gap" and input_.values[0] != self._input:
+            # What the input was meanwhile nobody knows.
+            live.start_again(None if self._input is None else factor * self._input)
+        u = factor * input_.values
         y = self._travel.take(output.values) * _factor(output)
         quantum = _step(output, 1.0)
         if output.channel.counts_per_rev and quantum:
