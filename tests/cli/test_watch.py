@@ -1,9 +1,14 @@
 """A mistake in what is watched, or how, is one sentence, and leaves no folder."""
 
+from io import StringIO
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from servobench.cli.live_text import LiveText
+from servobench.identification.watch import Watch
+from servobench.recordings.formats.mapping import Mapping
 from tests.cli.conftest import Command
 
 
@@ -33,3 +38,13 @@ def test_a_mistake_is_a_sentence(
     assert ended.status == 2
     assert expected in ended.err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_terminal_shows_ten_states_a_second_however_often_rows_come(tmp_path: Path) -> None:
+    written, clock = StringIO(), iter(0.5 * k for k in range(2000))
+    watch = Watch(Mapping(), "test", tmp_path / "a.mcap")
+    with LiveText(Console(file=written, force_terminal=True), now=lambda: next(clock) / 100) as live:
+        for _ in range(200):
+            live.show(watch, 0.0)
+
+    assert 10 <= written.getvalue().count("waiting for rows") <= 20

@@ -16,6 +16,7 @@ from servobench.identification.watch import Watch, stop_text
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.native.reader import read
 from servobench.recordings.streams.base import Rows
+from servobench.recordings.streams.line_table import LineTable
 from servobench.recordings.streams.networktables import NetworkTables
 from servobench.systems.signals.ramp import Ramp
 from tests.recordings.streams.robot import robot
@@ -45,9 +46,9 @@ def rows_of(experiment: sb.Experiment) -> Array:
     return np.column_stack([counts.t, recording["applied"].values, counts.values])
 
 
-def give(watch: Watch, values: Array, names: tuple[str, ...] = NAMES) -> None:
-    for begin in range(0, len(values), 97):
-        watch.take(Rows(names=names, values=values[begin : begin + 97]))
+def give(watch: Watch, values: Array, names: tuple[str, ...] = NAMES, count: int = 97) -> None:
+    for begin in range(0, len(values), count):
+        watch.take(Rows(names=names, values=values[begin : begin + count]))
 
 
 def watched(to: Path, values: Array, mapping: Mapping = ENCODER) -> Watch:
@@ -146,6 +147,15 @@ def test_times_that_may_be_milliseconds_are_said_while_there_is_time_to_begin_ag
 
     assert "if the time column is in milliseconds" in watch.sentence()
     assert "`time=COL:ms`" in watch.sentence()
+
+
+def test_times_that_may_be_microseconds_are_said_to_be_those(tmp_path: Path) -> None:
+    watch = Watch(ENCODER, "test", tmp_path / "recording.mcap")
+    OPEN.append(watch)
+    give(watch, (driven() * [1e6, 1, 1])[:200], ("time", "u", "counts"))
+
+    assert watch.sentence().startswith("the rows are 2000 s apart")
+    assert "`time=COL:us`" in watch.sentence()
 
 
 def test_one_way_is_enough_for_gain_and_says_what_both_directions_would_tell(tmp_path: Path) -> None:
@@ -263,6 +273,28 @@ def test_no_rows_are_no_recording(tmp_path: Path) -> None:
         Watch(ENCODER, "test", tmp_path / "a.mcap").end(stop_text("interrupted"))
 
 
+def test_lines_that_are_no_rows_are_shown_where_no_row_came(tmp_path: Path) -> None:
+    watch = Watch(ENCODER, "test", tmp_path / "a.mcap")
+    watch.take(LineTable().take(b"booting\nmotor = off\n"))
+
+    with pytest.raises(UsageError, match="the last line was 'motor = off', and rows like"):
+        watch.end(stop_text("end"))
+
+
+def test_what_was_left_out_is_said_by_its_reason(tmp_path: Path) -> None:
+    """A clock that runs backwards is no damaged line, and what didn't happen isn't counted."""
+    ahead = driven()[:2000]
+    back = ahead[::-1][1:]
+    watch = watched(tmp_path, np.concatenate([ahead, back]))
+    (evidence,) = watch.end(stop_text("end"))
+    said = {each.code: each.sentence for each in evidence.recording.findings}
+
+    assert said["stream-damaged"].endswith(
+        "rows of the stream with times that don't fit the rows around, as of a clock that runs backwards or jumps."
+    )
+    assert said["stream-rows-left-out"] == "Left out: 499 rows that came too late."
+
+
 def test_a_robots_gain_is_known_with_its_interval_within_twenty_seconds(tmp_path: Path) -> None:
     """Over a real NetworkTables server, at the 50 Hz of a robot's loop, the position in rotations."""
     rows = driven(sample_time=0.02)
@@ -345,6 +377,46 @@ def test_a_pause_in_which_the_motor_is_driven_costs_no_result(tmp_path: Path, lo
     for name in ("gain", "time_constant"):
         low, high = result.fit[name].interval
         assert low < whole.fit[name].value < high
+
+
+@pytest.mark.parametrize("lost", [60, 4], ids=["0.12 s", "8 ms"])
+def test_a_short_gap_in_which_the_voltage_changed_is_bridged_only_if_it_is_a_few_rows(
+    tmp_path: Path, lost: int
+) -> None:
+    """The square wave changes in the middle of the gap, at row 3750: a bridge would hold the old voltage until its end."""
+    rows = driven()
+    watch = watched(tmp_path, np.delete(rows, np.s_[3750 - lost // 2 : 3750 + lost // 2], axis=0))
+    evidence = watch.end(stop_text("end"))
+
+    assert rows[3740, 1] != rows[3760, 1]
+    assert len(evidence) == (2 if lost > 5 else 1)
+    if lost > 5:
+        gain = sb.identify([each.dataset() for each in evidence]).fit["gain"]
+        assert gain.interval[1] - gain.interval[0] < 1e-3 * gain.value
+
+
+def test_a_shaft_that_rests_after_a_pause_costs_no_result(tmp_path: Path) -> None:
+    rows, rest = driven(), np.column_stack([30 + 0.002 * np.arange(500), np.zeros(500), np.full(500, 7.0)])
+    watch = watched(tmp_path, np.concatenate([rows[:6000], rest, np.add(rows, [31, 0, 7])]))
+    live = watch.message()
+    result = sb.identify([each.dataset() for each in watch.end(stop_text("end"))])
+    (tmp_path / "whole").mkdir()
+    whole = sb.identify([each.dataset() for each in watched(tmp_path / "whole", rows).end(stop_text("end"))])
+
+    assert live is not None
+    assert result.verdict == "trusted"
+    for low, high in (live["parameters"]["gain"]["interval"], result.fit["gain"].interval):
+        assert low < whole.fit["gain"].value < high
+
+
+def test_rows_that_come_singly_after_a_pause_are_waited_for_until_they_tell_a_start(tmp_path: Path) -> None:
+    """At 50 Hz the two time constants that a start is looked for in are fewer rows than it has unknowns."""
+    rows = driven(sample_time=0.02)
+    watch = watched(tmp_path, rows[:500])
+    give(watch, rows[540:], count=1)
+
+    assert watch.rows == len(rows) - 40
+    assert len(watch.end(stop_text("end"))) == 2
 
 
 def test_all_rows_at_once_and_no_more_tell_what_they_tell_in_turn(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def _read(text: str, said: str) -> tuple[str, dict[str, Any]]:
         setting = getattr(DEVICES[name], "address", None)
         if setting is None or not address:
             raise UsageError(
-                f"{said}{words[0]}: {'nothing stands' if setting else f'the device {name} takes nothing'} behind the colon; "
+                f"{said}{words[0]!r}: {'nothing stands' if setting else f'the device {name} takes nothing'} behind the colon; "
                 f"expected {said}{name}{':' + setting.upper() if setting else ''}"
             )
         given[setting] = address

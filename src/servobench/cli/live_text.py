@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from servobench.identification.watch import Watch
 
 _INTERVAL = 5.0  # s between two lines
+_FRAME = 0.1  # s between two states of the block: nobody reads more, and a terminal far away gets less
 _LIGHTS = {
     True: ("●", "bold green", "the innovations are white: the motor is as the model says"),
     False: ("●", "bold red", "the innovations aren't white: something is not in the model"),
@@ -37,8 +38,9 @@ class LiveText:
     def __init__(self, console: Console, now: Callable[[], float] = time.monotonic) -> None:
         self._console = console
         self._now = now
-        self._next = now() + _INTERVAL
         self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+        self._interval = _INTERVAL if self._live is None else _FRAME
+        self._next = now() + (_INTERVAL if self._live is None else 0.0)
         self._is_read = True
 
     def __enter__(self) -> Self:
@@ -56,10 +58,12 @@ class LiveText:
 
     def show(self, watch: Watch, silence: float) -> None:
         """Show what is known now; `silence` is how long nothing has come [s]."""
+        if self._now() < self._next:
+            return
+        self._next = self._now() + self._interval
         if self._live is not None:
             self._live.update(block(watch, silence), refresh=True)
-        elif self._now() >= self._next:
-            self._next = self._now() + _INTERVAL
+        else:
             self._say(line(watch, silence))
 
     def show_last(self, watch: Watch) -> None:

@@ -15,14 +15,14 @@ from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import count_text
+from servobench.core.rounding import count_text, plain
 from servobench.core.units import unit
 from servobench.identification.design.stopping_rule import StoppingRule
 from servobench.identification.estimators.recursion.motion import Samples
 from servobench.identification.estimators.recursion.start import Setting
 from servobench.identification.live import BOTH_WAYS, LiveEstimate
 from servobench.identification.result import Result
-from servobench.identification.trust.doubts.time_unit import may_be_milliseconds
+from servobench.identification.trust.doubts.time_unit import likely_unit, may_be_milliseconds
 from servobench.recordings.evidence import Evidence
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.measurement.base import Chain
@@ -42,6 +42,9 @@ _PAUSE = (
     0.25  # s without rows, in which the input may have changed: what comes then is a recording of its own
 )
 _LOST = 10  # rows in a pause at least: single lost ones of a slow stream are no pause
+_BLIND = (
+    5.5  # sample times, five lost rows, in which the input changed: when nobody knows, and a model needs it
+)
 _FEWEST = 20  # rows: fewer than any structure needs for a model
 
 
@@ -120,8 +123,12 @@ class Watch:
             self._take(part)
         self.look_again()
         if self._writer is None:
+            came = self._intake.unread
+            instead = (
+                f"; the last line was {came!r}, and rows like 0.001,1.5,2048 were expected" if came else ""
+            )
             raise UsageError(
-                f"{self._name}: no rows came that a recording could be made of; nothing was recorded"
+                f"{self._name}: no rows came that a recording could be made of{instead}; nothing was recorded"
             )
         self._finish(stopped)
         self._writer.close()
@@ -165,9 +172,10 @@ class Watch:
         if self._evidence is None and not self._chains:
             return "waiting for rows"
         if self._slow:
+            name, symbol = likely_unit(self._slow)
             return (
-                f"the rows are {self._slow:.3g} s apart, which is slow for a motor; if the time column is in milliseconds, "
-                "end this and begin again with `time=COL:ms`"
+                f"the rows are {plain(self._slow, 3)} s apart, which is slow for a motor; if the time column is in {name}, "
+                f"end this and begin again with `time=COL:{symbol}`"
             )
         if self._live is None:
             return "recording; a speed is identified at the end, a position also live"
@@ -188,9 +196,7 @@ class Watch:
     def _take(self, part: Part) -> None:
         if part.link == "restart":
             self._finish(Stopped(reason="finished", sentence="the clock of the stream began again"))
-        elif self._evidence is not None and (paused := self._pause(part)) > max(
-            _PAUSE, _LOST * part.sample_time
-        ):
+        elif self._evidence is not None and (paused := self._pause(part)) > self._longest_pause(part):
             # What drove the motor meanwhile nobody knows, and no model bridges that.
             self._finish(Stopped(reason="finished", sentence=f"no rows came for {paused:.3g} s"))
         if self._evidence is None:
@@ -204,11 +210,17 @@ class Watch:
             self._writer.append(0, np.column_stack([t, *(each.values for each in series)]))
         if self._live is not None:
             self._follow(self._live, part, t)
+        self._input = float(_role(part.recording, "input").values[-1])
 
     def _pause(self, part: Part) -> float:
         """The pause before these rows, by the stream's clock [s]; zero where they follow those before."""
         t = part.recording.series[0].t
         return float(t[0]) - self._last if part.link == "gap" and t is not None else 0.0
+
+    def _longest_pause(self, part: Part) -> float:
+        """How long a gap before these rows may be that a model bridges [s]: shorter where the input changed in it."""
+        changed = _role(part.recording, "input").values[0] != self._input
+        return _BLIND * part.sample_time if changed else max(_PAUSE, _LOST * part.sample_time)
 
     def _begin(self, part: Part) -> None:
         """Begin a recording: its columns are those of the first rows."""
@@ -271,10 +283,11 @@ class Watch:
 
     def _follow(self, live: LiveEstimate, part: Part, t: Array) -> None:
         output, input_ = _role(part.recording, "output"), _role(part.recording, "input")
-        u = input_.values * unit(input_.channel.unit or "").factor
-        if part.link == "gap" and u[0] != self._input:
-            live.start_again(self._input)  # what the input was meanwhile nobody knows
-        self._input = float(u[-1])
+        factor = unit(input_.channel.unit or "").factor
+        if part.link == "gap" and input_.values[0] != self._input:
+            # What the input was meanwhile nobody knows.
+            live.start_again(None if self._input is None else factor * self._input)
+        u = factor * input_.values
         y = self._travel.take(output.values) * _factor(output)
         quantum = _step(output, 1.0)
         if output.channel.counts_per_rev and quantum:

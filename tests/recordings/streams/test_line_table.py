@@ -14,6 +14,7 @@ from servobench.recordings.streams.line_table import LineTable
         ("rig ready\nt [ms]\tu [V]\tcounts\n0\t1.5\t7\n", ("t [ms]", "u [V]", "counts")),
         ("0 1.5 7\r\n", ("column_1", "column_2", "column_3")),
         ("t;u;counts\n0;1,5;7\n", ("t", "u", "counts")),
+        ("t\tu\tcounts\r\n0,0\t1,5\t7\r\n", ("t", "u", "counts")),
         ("t:0,u:1.5,counts:7\n", ("t", "u", "counts")),
         ("t:0 u:1.5 counts:7\n", ("t", "u", "counts")),
     ],
@@ -74,3 +75,13 @@ def test_a_header_is_a_whole_line_even_if_it_comes_first() -> None:
 
     assert rows.names == ("t", "u", "counts")
     assert rows.values.tolist() == [[0.004, 3, 18]]
+
+
+def test_before_the_first_row_the_last_line_is_shown_and_no_damage() -> None:
+    table = LineTable()
+
+    assert [(rows.damaged, rows.example) for rows in [table.take(b"rig ready\n"), table.take(b"t,u\n")]] == [
+        (0, "rig ready"),
+        (0, "t,u"),
+    ]
+    assert table.take(b"0,1\n1,2\n").example == ""

@@ -58,3 +58,31 @@ def test_another_rate_is_no_loss() -> None:
     assert [link for _, link in found].count("rate") == 1
     assert (order.rate_changes, order.lost) == (1, 0)
     assert abs(order.step - 0.05) < 1e-9
+
+
+def test_a_clock_of_16_bits_in_microseconds_wraps_each_65_ms_and_its_rows_are_not_late() -> None:
+    order = RowOrder(step=1e-3, tick=1e-6)
+    ticks = np.arange(0, 200_000, 1000)
+
+    found = order.take(1e-6 * (ticks % 2**16), np.zeros((len(ticks), 1)))
+
+    np.testing.assert_allclose([time for time, _, _ in found], 1e-6 * ticks, atol=1e-9)
+    assert (order.clock_wraps, order.late, order.restarts) == (3, 0, 0)
+
+
+def test_a_row_that_comes_late_by_the_range_of_a_narrower_clock_is_late() -> None:
+    order = RowOrder(step=1e-3, tick=1e-6)
+    ticks = [*range(0, 100_000, 1000), 34_000, 100_000]
+
+    order.take(1e-6 * np.array(ticks), np.zeros((len(ticks), 1)))
+
+    assert (order.clock_wraps, order.late) == (0, 1)
+
+
+def test_a_clock_that_wrapped_and_began_again_begins_again_once() -> None:
+    order = RowOrder(step=1e-3, tick=1e-6)
+    ticks = np.array([*range(2**32 - 3500, 2**32, 1000), *range(500, 3_000_000, 1000), *range(0, 5000, 1000)])
+
+    order.take(1e-6 * ticks, np.zeros((len(ticks), 1)))
+
+    assert (order.clock_wraps, order.restarts, order.damaged) == (1, 1, 0)

@@ -156,7 +156,10 @@ def test_a_source_that_cannot_be_is_refused(source: str, expected: str) -> None:
 
 
 def test_a_port_that_is_not_there_is_a_sentence() -> None:
-    with pytest.raises(UsageError, match="can't be opened"), SerialPort("/dev/no_such_port"):
+    with (
+        pytest.raises(UsageError, match=r"/dev/no_such_port can't be opened \(No such file or directory\)"),
+        SerialPort("/dev/no_such_port"),
+    ):
         pass
 
 

@@ -257,8 +257,12 @@ class Recursive:
             if samples.t[-1] - samples.t[0] < _SETTLES * motion.reference[1]:
                 return np.empty(0)
             before = self._before_again
-            self._waiting, self._input_before = None, float(samples.u[0]) if before is None else before
-            motion.reference = start_state(self.setting, samples, motion, self._input_before)
+            input_before = float(samples.u[0]) if before is None else before
+            try:
+                motion.reference = start_state(self.setting, samples, motion, input_before)
+            except NotIdentifiable:  # too few samples so far: more come
+                return np.empty(0)
+            self._waiting, self._input_before = None, input_before
         return motion.take(samples, self._input_before, self._off)
 
 

@@ -22,7 +22,7 @@ from servobench.core.registry import Registry
 class Rows:
     """Rows that have come: `values` (N, C) of the columns with these `names`, in their own units.
 
-    `damaged` lines among them weren't rows; `example` is the first of those.
+    `damaged` lines among them weren't rows; `example` is the first of those, or before the first row the last line that was none.
     """
 
     names: tuple[str, ...]

@@ -60,11 +60,14 @@ class Intake:
         self._before: tuple[float, Array, Link] | None = None
         self._number = 0
         self.rows = 0
+        self.unread = ""
+        """The last line that came, where none was a row so far."""
 
     def take(self, rows: Rows) -> list[Part]:
         """Return the parts that rows became; those of the beginning come together, and a single row waits for the next."""
         self._damaged += rows.damaged
-        self._example = self._example or rows.example
+        self._example = self._example or (rows.example if rows.damaged else "")
+        self.unread = "" if rows.names else rows.example or self.unread
         if not len(rows.values):
             return []
         values = self._possible(rows)
@@ -99,14 +102,19 @@ class Intake:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return what was wrong with the stream."""
-        found = []
-        if self.damaged:
+        left_out = []
+        if self._damaged:
             example = f", such as {self._example!r}" if self._example else ""
-            lines = (
-                f"{count_text(self.damaged, 'line')} of the stream {'was' if self.damaged == 1 else 'were'}"
+            left_out.append(
+                f"{count_text(self._damaged, 'damaged line', 'damaged lines')} of the stream{example}"
             )
-            severity = warning if self.damaged > _FEW_DAMAGED * self.rows else info
-            found.append(severity("stream-damaged", f"{lines} damaged and left out{example}."))
+        if self._order and self._order.damaged:
+            left_out.append(
+                f"{count_text(self._order.damaged, 'row')} of the stream with times that don't fit the rows around, "
+                "as of a clock that runs backwards or jumps"
+            )
+        severity = warning if self.damaged > _FEW_DAMAGED * self.rows else info
+        found = [severity("stream-damaged", f"Left out: {'; '.join(left_out)}.")] if left_out else []
         return (*found, *(_about_order(self._order) if self._order else ()))
 
     def _possible(self, rows: Rows) -> Array:
@@ -241,13 +249,13 @@ def _without_times(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 def _about_order(order: RowOrder) -> Iterator[Finding]:
     if order.lost:
         yield info(  # whether a gap matters is for identification to say
-            "stream-gaps", f"{count_text(order.lost, 'row')} were lost in {count_text(order.gaps, 'gap')}."
+            "stream-gaps",
+            f"{count_text(order.lost, 'row was', 'rows were')} lost in {count_text(order.gaps, 'gap')}.",
         )
-    if order.repeated or order.late:
-        yield info(
-            "stream-rows-left-out",
-            f"{count_text(order.repeated, 'row')} came twice and {count_text(order.late, 'row')} too late; they are left out.",
-        )
+    ways = ((order.repeated, "came twice"), (order.late, "came too late"))
+    left_out = [f"{count_text(number, 'row')} that {how}" for number, how in ways if number]
+    if left_out:
+        yield info("stream-rows-left-out", f"Left out: {' and '.join(left_out)}.")
     if order.clock_wraps:
         yield info(
             "stream-clock-wraps",

@@ -28,6 +28,7 @@ class LineTable:
         self._torn = torn
         self._names: tuple[str, ...] = ()
         self._before: tuple[str, ...] = ()
+        self._unread: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -59,11 +60,14 @@ class LineTable:
             row = self._row(text)
             if row is not None:
                 found.append(row)
-            elif row is None and self._names and self._header(text) != self._names:
+                self._unread = ()
+            elif not self._names:
+                self._unread = (text,)
+            elif self._header(text) != self._names:
                 damaged.append(text)
         width = len(self._names)
         values = np.array(found, dtype=np.float64).reshape(len(found), width)
-        example = printable(damaged[0])[:60] if damaged else ""
+        example = printable([*damaged, *self._unread][0])[:60] if damaged or self._unread else ""
         return Rows(names=self._names, values=values, damaged=len(damaged), example=example)
 
     def _row(self, text: str) -> list[float] | None:
@@ -104,7 +108,7 @@ def _split(text: str) -> list[str]:
         if mark in text:
             parts = [part.strip() for part in text.split(mark)]
             return [
-                part.replace(",", ".") if mark == ";" and _number(part) is None else part for part in parts
+                part.replace(",", ".") if mark != "," and _number(part) is None else part for part in parts
             ]
     return text.split()
 

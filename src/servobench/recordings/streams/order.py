@@ -65,12 +65,12 @@ class RowOrder:
             self._accept(time, row, "next", found)
         elif step == 0:
             self.repeated += 1
-        elif -_OVERTAKEN < step < 0:
-            self.late += 1
         elif (wrap := self._wrap(step)) > 0:
             self.clock_wraps += 1
             self._wrapped += wrap
             self._judge(time + wrap, row, found)
+        elif -_OVERTAKEN < step < 0:
+            self.late += 1
         else:
             self._held = time, row
 
@@ -86,7 +86,6 @@ class RowOrder:
             self.damaged += 1
             return time
         self.restarts += 1
-        self._wrapped = 0.0
         self._accept(held, row, "restart", found)
         return time
 
@@ -99,9 +98,10 @@ class RowOrder:
         return self._follows(time, held) or abs(time - held - step) <= _ALIKE * abs(step)
 
     def _wrap(self, step: float) -> float:
-        """By how much the board's clock wrapped [s], 0 where it didn't."""
+        """By how much the board's clock wrapped [s], 0 where it didn't: one that showed more than a width holds has another."""
+        shown = (self._last or 0.0) - self._wrapped
         for ticks in _WRAPS:
-            if 0 < step + ticks * self.tick <= _NEAR * self.step:
+            if shown < ticks * self.tick and 0 < step + ticks * self.tick <= _NEAR * self.step:
                 return ticks * self.tick
         return 0.0
 

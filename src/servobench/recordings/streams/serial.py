@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -44,8 +45,10 @@ class SerialPort:
         try:
             self._serial = serial.Serial(self._port, self._rate, exclusive=True)
         except (serial.SerialException, ValueError, OSError) as error:
+            number = getattr(error, "errno", None)
+            why = os.strerror(number) if number else error
             raise UsageError(
-                f"{self._port} can't be opened ({error}): look at the cable and the rights, and close other programs that have it"
+                f"{self._port} can't be opened ({why}): look at the cable and the rights, and close other programs that have it"
             ) from None
         return self
 

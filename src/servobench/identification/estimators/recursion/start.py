@@ -113,7 +113,10 @@ def start_state(setting: Setting, samples: Samples, motion: Motion, input_before
     p = motion.reference.copy()
     p[DELAY] -= setting.delay
     data = replace(setting, input_before=input_before).dataset(samples)
-    own = simulate_record(structure, p[structure.columns], data).nuisance
+    if np.ptp(data.y) == 0:  # at rest, which no fit is needed for
+        own = np.array([data.y[0], 0.0])
+    else:
+        own = simulate_record(structure, p[structure.columns], data).nuisance
     return np.concatenate([motion.reference[: COLUMNS - 2], own])
 
 

@@ -78,10 +78,11 @@ def _about_fit(fit: Fit) -> list[Finding]:
     longest = max(record.data.duration for record in fit.records)
     if tau.value <= _SLOWEST or tau.value > 0.5 * longest or tau.sd > 0.5 * tau.value:
         return []
+    name, symbol = ("microseconds", "us") if 1e-3 * tau.value > _SLOWEST else ("milliseconds", "ms")
     sentence = (
         f"The time constant comes out as {plain(tau.value, 3)} s, too long for a servo motor: "
-        "milliseconds may have been read as seconds. Check the unit of the times: "
-        "`time=COL:ms` for a column, or seconds in place of milliseconds for arrays."
+        f"{name} may have been read as seconds. Check the unit of the times: "
+        f"`time=COL:{symbol}` for a column, or seconds in place of {name} for arrays."
     )
     return [warning("size-absurd", sentence, parameters=("time_constant", "gain"))]
 

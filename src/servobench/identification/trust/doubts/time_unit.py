@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from servobench.core.finding import Finding, warning
+from servobench.core.rounding import plain
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -16,6 +17,15 @@ def may_be_milliseconds(findings: Iterable[Finding], sample_time: float) -> bool
     return sample_time >= _SLOW and any(finding.code == "time-recognised" for finding in findings)
 
 
+def likely_unit(sample_time: float) -> tuple[str, str]:
+    """Return the name and the symbol of the unit that times may be in where they put the samples so far apart [s].
+
+    >>> likely_unit(1000.0)
+    ('microseconds', 'us')
+    """
+    return ("microseconds", "us") if 1e-3 * sample_time >= _SLOW else ("milliseconds", "ms")
+
+
 def _of_each(records: Sequence[Dataset]) -> list[Finding]:
     return [finding for record in records for finding in _time_unit(record)]
 
@@ -24,10 +34,11 @@ def _time_unit(data: Dataset) -> list[Finding]:
     """Whether times that are seconds by convention only would make a motor of minutes."""
     if not may_be_milliseconds(data.findings, data.sample_time):
         return []
+    name, symbol = likely_unit(data.sample_time)
     sentence = (
         f"{data.name}: read in seconds, as its name suggests, the time column puts the samples "
-        f"{data.sample_time:.3g} s apart, which is slow for a motor; if it is in milliseconds, say "
-        "`time=COL:ms`."
+        f"{plain(data.sample_time, 3)} s apart, which is slow for a motor; if it is in {name}, say "
+        f"`time=COL:{symbol}`."
     )
     return [warning("time-unit-doubtful", sentence, parameters=("gain", "time_constant", "delay"))]
 

@@ -88,5 +88,6 @@ def _outcome_without_motion(voltage: float, farthest: float) -> Outcome:
             Figure(name="voltage of the pulse", value=voltage, unit="V"),
             Figure(name="farthest from the start", value=farthest, unit="counts"),
         ),
-        remedy="Check the motor's supply and leads, the encoder's plug, the enable line, and whether something holds the shaft.",
+        remedy="Check the motor's supply and leads, the encoder's plug, the enable line, and whether something holds the shaft; "
+        "if the motor needs more voltage to move, a larger limit of the voltage.",
     )

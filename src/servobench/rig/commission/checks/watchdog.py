@@ -106,7 +106,7 @@ def _runs_on(did: str, expected: str, figures: tuple[Figure, ...], promised: flo
     if promised is None:
         return Outcome(
             state="unsupported", did=did, expected=expected, figures=figures,
-            found="The motor ran on until the stop was sent: the device has no watchdog, and says of none.",
+            found="The motor ran on until the stop was sent: the device has no watchdog, and claims none.",
             remedy="The loop's own watchdog (limits.watchdog) ends a run that falls silent, but not one whose computer fails: "
             "have a switch in the motor's supply within reach.",
         )  # fmt: skip
