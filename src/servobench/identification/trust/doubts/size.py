@@ -31,10 +31,10 @@ def _input_size(data: Dataset) -> list[Finding]:
     largest = float(np.abs(data.u).max(initial=0.0))
     if data.input_unit != "V" or largest == 0 or _VOLTAGES[0] <= largest <= _VOLTAGES[1]:
         return []
-    other = "V read as mV" if largest < 1 else "mV read as V"
+    other = "V read as mV" if largest < 1 else "mV read as V, or input and output swapped"
     sentence = (
         f"{data.name}: the input reaches {plain(largest, 3)} V, which no servo motor is driven with "
-        f"({other}?). Check its unit: `input=COL:UNIT`."
+        f"({other}?). Check the column and its unit: `input=COL:UNIT`."
     )
     return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
 
