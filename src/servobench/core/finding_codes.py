@@ -361,6 +361,8 @@ _TABLE = (
     FindingCode("stall-unused", "A record of a stalled shaft isn't used.", "The sentence says why."),
     FindingCode("stalled", "The guard stopped the motor because its shaft was held.", "Free the shaft."),
     FindingCode("starts-at-rest", "The recording's format says that the motor rests at first."),
+    FindingCode("static-friction", "The shaft starts at a larger input than it stops at.",
+        "Identify records in which the motor keeps turning."),
     FindingCode("steps-left-out", "Steps that can't be read are left out."),
     FindingCode("stop-failed", "The motor could not be stopped.", "Cut the motor's supply."),
     FindingCode("stream-clock-wraps", "The clock of a watched stream wrapped; that is taken out."),
