@@ -301,6 +301,8 @@ _TABLE = (
     FindingCode("response-oscillates", "The output swings, which the structure can't.",
         "Take a second-order structure, or record the motor alone.", Role.EXPLANATION),
     FindingCode("rest-found", "Friction holds the shaft for a part of the record, which is modelled."),
+    FindingCode("rest-to-state", "The input is on from the first row, and the shaft seems to have been at rest before.",
+        "Say `starts_at_rest=True` if it was."),
     FindingCode("rests-left-out", "Stretches in which the shaft creeps near its set point are left out."),
     FindingCode("ripple", "Something repeats with each revolution, such as cogging.",
         "The intervals allow for it; average over whole turns."),
