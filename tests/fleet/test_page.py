@@ -1,5 +1,6 @@
 """The report is small however many motors there are, and says what they are like."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from servobench.fleet.figures import control_chart
 from servobench.fleet.limits import Limits
-from servobench.fleet.page import html_of, order_of, outcome_text, risks_of
+from servobench.fleet.page import html_of, order_of, outcome_text, parameter_text, risks_of
 from servobench.fleet.parts import Results
 from servobench.fleet.table import Fleet, fleet_in, write_tables
 
@@ -107,3 +108,47 @@ def test_a_steady_production_lies_within_its_limits() -> None:
     assert chart.reach == pytest.approx(3 * 0.5 / np.sqrt(200), rel=0.05)
     assert chart.outside <= 3
     assert control_chart(np.arange(7.0)) is None
+
+
+def speed_rows(folder: Path, levels: tuple[float, ...]) -> Path:
+    """Write a table of motors whose speeds, 10 rad/s a volt, are known at one level [V] each."""
+    with Results(folder / "levels", {"source": "/stand", "pattern": None}) as results:
+        for number, level in enumerate(levels):
+            speed = 10.0 * level
+            results.add({
+                "file": f"{number}.csv", "outcome": "identified", "verdict": "trusted", "reason": "", "stamp": "1-1",
+                "speed_at_level": speed, "speed_at_level_sd": 0.5, "speed_at_level_low": speed - 1.0,
+                "speed_at_level_high": speed + 1.0, "speed_at_level_unit": "rad/s", "speed_at_level_state": "known",
+                "speed_at_level_input": level, "speed_at_level_input_unit": "V",
+            })  # fmt: skip
+    return folder / "levels"
+
+
+def test_speeds_at_different_levels_are_not_pooled(tmp_path: Path) -> None:
+    found = fleet_in(speed_rows(tmp_path, (3.0, 6.0, 3.05, -6.0, 6.1)))
+
+    assert {each.name: each.value[np.isfinite(each.value)].tolist() for each in found.parameters} == {
+        "speed_at_-6_V": [-60.0],
+        "speed_at_3.025_V": pytest.approx([30.0, 30.5]),
+        "speed_at_6.05_V": pytest.approx([60.0, 61.0]),
+    }
+    assert parameter_text(found, found.parameters[1]).startswith("speed at 3.025 V: median 30.25")
+
+
+def test_speeds_at_one_level_stay_one_parameter(tmp_path: Path) -> None:
+    (found,) = fleet_in(speed_rows(tmp_path, (6.0, 6.1, 5.99))).parameters
+
+    assert found.name == "speed_at_level"
+    assert np.isfinite(found.value).all()
+
+
+def test_the_tables_have_the_level_beside_the_speed(tmp_path: Path) -> None:
+    results = speed_rows(tmp_path, (3.0, 6.0))
+    _, sheet = write_tables(results, fleet_in(results))
+
+    heads, first, _ = csv.reader(sheet.read_text(encoding="utf-8-sig").splitlines())
+    row = dict(zip(heads, first, strict=True))
+    assert (row["speed_at_level"], row["speed_at_level_input"], row["speed_at_level_input_unit"]) == (
+        "30.0", "3.0", "V",
+    )  # fmt: skip
+    assert heads.index("speed_at_level_input") < heads.index("stamp")

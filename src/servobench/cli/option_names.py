@@ -29,6 +29,7 @@ OPTIONS: Mapping[str, str] = {
     "scheduler": "--scheduler",
     "sample_time": "--sample-time",
     "structure": "--structure",
+    "starts_at_rest": "--starts-at-rest",
     "supply": "--supply",
     "time": "--time",
     "turns": "--turns",
@@ -52,7 +53,7 @@ TUNE: Mapping[str, str] = {**CONTROLLER, "closed_loop": "--lambda", "output": "-
 """The same for `servobench tune`."""
 
 _KEYWORD = re.compile(r"`([a-z_]+)=([^`\n]+)`")
-_WITHOUT_VALUE = "..."
+_WITHOUT_VALUE = ("...", "True")
 
 
 def with_options(sentence: str, options: Mapping[str, str] = OPTIONS) -> str:
@@ -62,6 +63,6 @@ def with_options(sentence: str, options: Mapping[str, str] = OPTIONS) -> str:
         name, value = found.groups()
         if name not in options:
             return found[0]
-        return options[name] if value == _WITHOUT_VALUE else f"{options[name]} {value}"
+        return options[name] if value in _WITHOUT_VALUE else f"{options[name]} {value}"
 
     return _KEYWORD.sub(option, sentence)

@@ -151,9 +151,11 @@ def _show_readings(console: Console, explanation: Explanation) -> None:
 
 
 def _share(share: Share | None) -> str:
+    from servobench.identification.reconciliation.sentences import share_text
+
     if share is None or not math.isfinite(share.value):
         return ""
-    return f"{100 * share.value:.0f} %"
+    return share_text(share)
 
 
 def _percent(probability: float) -> str:

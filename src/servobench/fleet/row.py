@@ -38,8 +38,8 @@ def row_of_failure(item: Item, columns: Mapping[str, str], outcome: str, reason:
 def result_row(item: Item, columns: Mapping[str, str], result: Result) -> Row:
     """Return the row of a result.
 
-    A parameter x has the columns `x`, `x_sd`, `x_low`, `x_high` (its 95 % interval), `x_unit` and `x_state`; numbers that aren't
-    finite are left out.
+    A parameter x has the columns `x`, `x_sd`, `x_low`, `x_high` (its 95 % interval), `x_unit` and `x_state`, and `x_input` and
+    `x_input_unit` if it holds at one level of the input; numbers that aren't finite are left out.
     """
     told = result.to_dict()
     row: Row = {
@@ -56,6 +56,10 @@ def result_row(item: Item, columns: Mapping[str, str], result: Result) -> Row:
         state = each.get("state") or "known"
         row |= {name: each["value"], f"{name}_sd": each["sd"], f"{name}_low": low, f"{name}_high": high}
         row |= {f"{name}_unit": each["unit"], f"{name}_state": state}
+    for combination in result.combinations:
+        if combination.input_level is not None:
+            row[f"{combination.name}_input"] = combination.input_level
+            row[f"{combination.name}_input_unit"] = combination.input_unit
     return row | {
         "findings": [each.code for each in result.findings],
         "sentences": [each.sentence for each in result.findings],

@@ -7,19 +7,21 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import StorageError
-from servobench.core.rounding import TWO_SIDED
+from servobench.core.rounding import SPACE, TWO_SIDED, with_unit
 from servobench.fleet.limits import Judgement, Limits
 from servobench.fleet.outliers import distances, farthest_plain
 from servobench.fleet.parts import arrow_schema, part_files, read_rows, rows_in, settings_in
 from servobench.fleet.row import IDENTIFIED, Row
 
+_Stated: TypeAlias = tuple[float, float, float, str]  # a value, its interval's ends, and their unit
+_SAME_LEVEL = 0.05  # of the input: what a level differs by from motor to motor
 _OFTEN = 0.5  # of the motors with a result: a parameter that is known of fewer isn't looked at
 _TOO_LONG = {"sentences", "budget"}  # for a cell of a spreadsheet
 _ADDED_TEXTS = ("decision", "decided_by", "rule")
@@ -31,7 +33,7 @@ class Parameter:
     """One parameter of all motors: `value`, `low` and `high` (N,) in `unit`, NaN where it isn't known of one."""
 
     name: str
-    """Its name in programs."""
+    """Its name in programs; of one that holds at a level, `speed_at_6_V` where the motors have several levels."""
     unit: str
     value: Array
     low: Array
@@ -94,7 +96,8 @@ def fleet_in(folder: Path, limits: Limits | None = None) -> Fleet:
     """
     settings_in(folder)
     texts = _text_columns(folder)
-    known: dict[str, dict[int, tuple[float, float, float, str]]] = {}
+    known: dict[str, dict[int, _Stated]] = {}
+    levels: dict[str, dict[int, tuple[str, float]]] = {}
     rows: list[tuple[str, ...]] = []
     columns: dict[str, list[str]] = {name: [] for name in texts}
     findings: Counter[str] = Counter()
@@ -110,15 +113,19 @@ def fleet_in(folder: Path, limits: Limits | None = None) -> Fleet:
             known.setdefault(name, {})[number] = (
                 row[name], row[f"{name}_low"], row[f"{name}_high"], row[f"{name}_unit"],
             )  # fmt: skip
+            if f"{name}_input" in row:
+                level = row.get(f"{name}_input_unit", ""), row[f"{name}_input"]
+                levels.setdefault(name, {})[number] = level
         if limits is not None:
             judgements.append(limits.judge(row))
     files, stamps, outcomes, verdicts, reasons = zip(*rows, strict=True) if rows else ((),) * 5
     limited = {limit.parameter for limit in limits.limits} if limits else set()
     results = sum(outcome == IDENTIFIED for outcome in outcomes)
     parameters = tuple(
-        _parameter(name, found, len(rows))
+        _parameter(own, part, len(rows))
         for name, found in known.items()
         if len(found) >= _OFTEN * results or name in limited
+        for own, part in _by_level(name, found, levels.get(name, {})).items()
     )
     common = [each for each in parameters if np.isfinite(each.value).sum() >= _OFTEN * results]
     return Fleet(
@@ -159,7 +166,34 @@ def _parameters_in(row: Row) -> list[str]:
     return [name for name in names if {name, f"{name}_low", f"{name}_high", f"{name}_unit"} <= set(row)]
 
 
-def _parameter(name: str, found: Mapping[int, tuple[float, float, float, str]], count: int) -> Parameter:
+def _by_level(
+    name: str, found: Mapping[int, _Stated], levels: Mapping[int, tuple[str, float]]
+) -> dict[str, dict[int, _Stated]]:
+    """What is stated of a parameter that holds at a level of the input, parted by level where the motors have several.
+
+    Levels within 5 % of the lowest of them are one level, named after their median. Rows without a level stay together.
+    """
+    parts: list[list[int]] = []
+    for number in sorted(set(found) & set(levels), key=lambda each: levels[each]):
+        first = levels[parts[-1][0]] if parts else None
+        unit, level = levels[number]
+        if first is not None and first[0] == unit and abs(level - first[1]) <= _SAME_LEVEL * abs(first[1]):
+            parts[-1].append(number)
+        else:
+            parts.append([number])
+    if len(parts) < 2:
+        return {name: dict(found)}
+    named: dict[str, dict[int, _Stated]] = {}
+    for part in parts:
+        unit = levels[part[0]][0]
+        at = with_unit(float(np.median([levels[n][1] for n in part])), "" if unit == "1" else unit)
+        own = f"{name.removesuffix('level')}{at}".replace(SPACE, "_").replace("−", "-")
+        named.setdefault(own, {}).update((number, found[number]) for number in part)
+    rest = {number: each for number, each in found.items() if number not in levels}
+    return {**named, name: rest} if rest else named
+
+
+def _parameter(name: str, found: Mapping[int, _Stated], count: int) -> Parameter:
     """A parameter in the unit that most motors have it in; the others are left out."""
     unit = Counter(each[3] for each in found.values()).most_common(1)[0][0]
     numbers = np.full((count, 3), np.nan)
@@ -242,7 +276,7 @@ def _columns(folder: Path, fleet: Fleet) -> list[str]:
 def _is_of_parameter(name: str, columns: set[str]) -> bool:
     return any(
         name.endswith(ending) and f"{name[: len(name) - len(ending)]}_state" in columns
-        for ending in ("", "_sd", "_low", "_high", "_unit", "_state")
+        for ending in ("", "_sd", "_low", "_high", "_unit", "_state", "_input", "_input_unit")
     )
 
 

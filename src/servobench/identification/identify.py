@@ -67,6 +67,7 @@ from servobench.identification.uncertainty.model_error import with_model_error
 from servobench.identification.uncertainty.one_lag import with_one_lag
 from servobench.identification.uncertainty.rounded_times import with_rounded_times
 from servobench.identification.uncertainty.small_departures import with_small_departures
+from servobench.identification.uncertainty.static_friction import with_static_friction
 from servobench.identification.uncertainty.status_findings import about_answers
 from servobench.identification.uncertainty.unresolved_time_constant import with_unresolved_time_constant
 from servobench.identification.uncertainty.weak_priors import with_weak_priors
@@ -308,7 +309,7 @@ def _with_allowances(
     one_level = single_level(records) is not None
     fit = with_weak_priors(fit) if one_level else fit
     fit = widen_for_disagreement(
-        with_small_departures(with_friction_near_rest(with_one_lag(fit))), method, allow
+        with_small_departures(with_static_friction(with_friction_near_rest(with_one_lag(fit)))), method, allow
     )
     if estimator == "auto":
         fit = with_unseen_torque(fit)

@@ -12,7 +12,7 @@ from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import plain, with_unit
 from servobench.identification.reconciliation.explanation import Explanation
 from servobench.identification.reconciliation.reenactment import SPOKEN
-from servobench.identification.reconciliation.sentences import probability_told, size_range_text
+from servobench.identification.reconciliation.sentences import probability_told, share_text, size_range_text
 from servobench.recordings.recording import Recording
 from servobench.report import explanation_figures, summary, tables
 from servobench.report.document import write_page
@@ -86,8 +86,8 @@ def _causes(found: Explanation) -> tuple[tuple[str, ...], ...]:
     """A row for each cause: its name, how probable it is, what it explains of each difference, and what there is to say."""
     rows = []
     for each in found.causes:
-        shares = {share.name: 100 * share.value for share in each.explains}
-        told = (f"{plain(shares[d.name], 2)} %" if d.name in shares else "–" for d in found.differences)
+        shares = {share.name: share_text(share) for share in each.explains}
+        told = (shares.get(d.name, "–") for d in found.differences)
         needed = "" if each.needed is None else size_range_text(each.needed)
         against = each.against and f"{'; ' if needed else ''}{each.against}"
         probability = probability_told(each.probability) if each.possible else "–"

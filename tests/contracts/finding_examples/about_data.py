@@ -17,6 +17,7 @@ from servobench.recordings.measurement.measure import measure
 from servobench.rig.motor.parameters import QUBE_SERVO_2
 from tests.contracts.finding_examples.base import TIME, Example, driven, sound
 from tests.datasets import QUANTUM, dataset
+from tests.identification.trust.test_rest_to_state import RISING, begun
 from tests.recordings.measurement.test_measure import recording
 
 
@@ -193,6 +194,7 @@ EXAMPLES = (
     _example("output-spikes", _with_spikes, sound),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),
     _example("output-stops", _blocked_late, sound),
+    _example("rest-to-state", lambda: begun(RISING), lambda: begun(RISING + 20.0)),
     _example("single-level", lambda: driven(np.where(TIME[:2000] < 0.4, 0.0, 2.0)), sound),
     _example("size-absurd", lambda: replace(sound(), u=1000 * sound().u), sound),
     _example("table-static", lambda: _table("sample-time-given"), lambda: _table("")),

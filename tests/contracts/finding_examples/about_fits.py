@@ -18,6 +18,7 @@ from servobench.identification.trust.doubts.lag_not_split import widen_for_lag_s
 from servobench.identification.trust.held_out import about_validation, validate_with
 from servobench.identification.trust.validation import validate
 from servobench.identification.uncertainty.identifiability import combinations, parameter_statuses
+from servobench.identification.uncertainty.static_friction import with_static_friction
 from servobench.identification.uncertainty.status_findings import about_answers
 from servobench.recordings.measurement.dataset import Dataset
 from tests.contracts.finding_examples.base import (
@@ -33,6 +34,7 @@ from tests.contracts.finding_examples.base import (
 from tests.datasets import QUANTUM, dataset
 from tests.identification.trust.test_lag_not_split import fit_with
 from tests.identification.trust.test_small_swing import fit_of_swings
+from tests.identification.uncertainty.test_static_friction import fit_of_ramps
 from tests.rig.motor.reference import Truth
 
 
@@ -206,6 +208,11 @@ EXAMPLES = (
         absent=lambda: _from_search(converged=True),
     ),
     _example("sign-negative", lambda: with_values(sound_fit(), gain=-sound_fit().model["gain"])),
+    Example(
+        code="static-friction",
+        raised=lambda: with_static_friction(fit_of_ramps(0.75)).findings,
+        absent=lambda: with_static_friction(fit_of_ramps(0.5)).findings,
+    ),
     _example(
         "structure-wrong", lambda: _of_data(findings=(info("bench-pendulum", "A pendulum hangs there."),))
     ),

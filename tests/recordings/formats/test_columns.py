@@ -52,6 +52,14 @@ def table(*headers: str, **values: np.ndarray) -> Recording:
         ("m_s", "m_s", None),  # the mass of something
         ("u_V", "u_V", "V"),
         ("u_v", "u_v", None),
+        ("u_volts", "u_volts", "V"),
+        ("u_millivolts", "u_millivolts", "mV"),
+        ("motor_voltage_v", "motor_voltage_v", "V"),
+        ("back_emf_mv", "back_emf_mv", "mV"),
+        ("voltage_V", "voltage_V", "V"),
+        ("Voltage_mV", "Voltage_mV", "mV"),
+        ("motor_v", "motor_v", None),  # may be its velocity
+        ("u_mv", "u_mv", None),  # may be the manipulated variable
         ("wheel_speed_rad_s", "wheel_speed_rad_s", "rad/s"),
         ("motor_current_mA", "motor_current_mA", "mA"),
         ("encoder_A", "encoder_A", None),  # the first of two tracks
@@ -90,6 +98,7 @@ def test_names_are_made_to_differ_and_the_first_of_each_stays(names: list[str]) 
         ("wheel_speed_rad_s", "wheel_speed"),
         ("t_s", "t"),
         ("current_A", "current"),
+        ("motor_voltage_v", "motor_voltage"),
         ("encoder_A", "encoder_A"),
         ("rpm", "rpm"),
         ("x_s", "x_s"),

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _OF_THE_MOTOR = ("series_resistance", "inertia", "torque_constant")
 _OF_THE_READING = {"measurement_lag", "method", "delay"}
 _LIKELY = 0.5
+_ALL, _MORE = 0.995, 1.05  # of a difference: parts that are all of it, as rounded, and more than that
+_MANY_TIMES = 2.0  # of a difference: beyond that, the end of an interval says only that it isn't known
 
 
 def differences_told(differences: Sequence[Difference], question: Question) -> list[str]:
@@ -171,17 +173,35 @@ def _has_finite_interval(share: Share) -> bool:
 
 
 def _shares(shares: Sequence[Share]) -> str:
-    """`76 % (65 to 91 %) of the difference in the time constant`, for each figure that it explains a part of."""
+    """`76 % (65 to 91 %) of the difference in the time constant`, for each figure that it may explain a part of."""
     told = []
     for share in shares:
         if not _has_finite_interval(share) or share.name == "delay" or abs(share.value) < 0.005:
             continue
-        low, high = (100 * end for end in share.interval)
-        ends = f" ({low:.0f} to {high:.0f} %)"
-        told.append(
-            f"{100 * share.value:.0f} %{ends} of the difference in the {parameter_in_words(share.name)}"
-        )
+        part = share_text(share)
+        if part == _percent(share.value):
+            low, high = (100 * end for end in share.interval)
+            part += f" ({low:.0f} to {high:.0f} %)"
+        told.append(f"{part} of the difference in the {parameter_in_words(share.name)}")
     return " and ".join(told) or "no part that can be told"
+
+
+def share_text(share: Share) -> str:
+    """Return the part of a difference in a few words: `76 %`, or what is known of one that may be many times the difference."""
+    low, high = share.interval
+    if not _has_finite_interval(share):
+        return _percent(share.value) if abs(share.value) <= _MANY_TIMES else "an unknown part"
+    if low >= _ALL:
+        return "more than all" if low > _MORE else "all"
+    if max(-low, high) <= _MANY_TIMES:
+        return _percent(share.value)
+    if low > 0:
+        return f"at least {_percent(low)}"
+    return "none" if high <= 0 else "an unknown part"
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.0f} %"
 
 
 def probability_told(probability: float) -> str:

@@ -9,7 +9,7 @@ one level.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -40,7 +40,10 @@ class State(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Combination:
-    """What is known of several parameters together: `parameters`, in words as `meaning`, with its 95 % interval."""
+    """What is known of several parameters together: `parameters`, in words as `meaning`, with its 95 % interval.
+
+    `input_level` in `input_unit` is the level of the input that it holds at, None where it holds at any.
+    """
 
     name: str
     """`lag`, `speed_at_level`, `acceleration` or `acceleration_at_level`."""
@@ -48,6 +51,8 @@ class Combination:
     parameters: tuple[str, ...]
     estimate: Estimate
     """Its value with the interval."""
+    input_level: float | None = None
+    input_unit: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +184,9 @@ def _drive(fit: Fit) -> Combination | None:
 
     sense = _sense_of_friction(fit, level)
     meaning = f"speed at {_level_in_words(level, data.input_unit)}"
-    return _combine(fit, "speed_at_level", meaning, ("gain", lost[0]), f"{data.position_unit}/s", speed)
+    unit = f"{data.position_unit}/s"
+    found = _combine(fit, "speed_at_level", meaning, ("gain", lost[0]), unit, speed)
+    return replace(found, input_level=level, input_unit=data.input_unit)
 
 
 def drive_level(fit: Fit) -> float:
@@ -225,7 +232,8 @@ def _acceleration_at_level(fit: Fit) -> Combination | None:
 
     meaning = f"acceleration at {_level_in_words(level, data.input_unit)}"
     parameters = ("gain", lost[0], "time_constant")
-    return _combine(fit, "acceleration_at_level", meaning, parameters, f"{data.position_unit}/s²", slope)
+    found = _combine(fit, "acceleration_at_level", meaning, parameters, f"{data.position_unit}/s²", slope)
+    return replace(found, input_level=level, input_unit=data.input_unit)
 
 
 def _level_in_words(level: float, unit: str) -> str:

@@ -41,13 +41,15 @@ _ENDINGS = {
     "ms": "ms", "us": "us", "sec": "s", "secs": "s", "seconds": "s",
     "millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
     "deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad", "counts": "counts", "rpm": "rpm",
-    "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "V": "V", "mV": "mV", "percent": "%",
+    "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "millivolts": "mV", "V": "V", "mV": "mV", "percent": "%",
     "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
     "rev_s": "rev/s", "rev_per_s": "rev/s", "counts_s": "counts/s", "counts_per_s": "counts/s", "m_per_s": "m/s",
 }  # fmt: skip
 _ENDING = re.compile(rf"(?:^|.*_)({'|'.join(sorted(_ENDINGS, key=len, reverse=True))})", re.IGNORECASE)
 # `current_A` is a current; `encoder_A` is the first of two tracks.
 _CURRENT = re.compile(r"(?:.*_)?(?i:current|curr|i|ia|im|iq)_(A|mA)")
+# `bus_voltage_v` is a voltage; `motor_v` may be a velocity, and `u_mv` a manipulated variable.
+_VOLTAGE = re.compile(r"(?:.*_)?(?:voltage|emf|supply|battery|vbat|vbus|vin|volt)_(m?v)", re.IGNORECASE)
 # What stands in brackets and is no unit, as in `time(t)`, or in the underscores that a program puts in their place.
 REMARK = re.compile(r"(?P<name>.+?)(?:\s*[\[({<](?P<inside>[^\[\](){}<>]+)[\])}>]|_(?P<between>[^_\W]+)_)")
 _CLOSING = {"]": "[", ")": "(", "}": "{", ">": "<"}
@@ -131,6 +133,8 @@ def _unit_in_name(name: str) -> str | None:
         return name
     if current := _CURRENT.fullmatch(name):
         return current[1]
+    if voltage := _VOLTAGE.fullmatch(name):
+        return {"v": "V", "mv": "mV"}[voltage[1].lower()]
     ending = _ENDING.fullmatch(name)
     if ending:
         found = ending[1]
@@ -148,7 +152,7 @@ def bare_name(name: str) -> str:
     """Return a name without a unit that it ends in: `theta` of `theta_deg`; a name that is a unit stays."""
     if _unit_in_name(name) is None:
         return name
-    ending = _CURRENT.fullmatch(name) or _ENDING.fullmatch(name)
+    ending = _CURRENT.fullmatch(name) or _VOLTAGE.fullmatch(name) or _ENDING.fullmatch(name)
     return (name[: ending.start(1)] if ending else name.removesuffix("_s")).rstrip("_") or name
 
 
