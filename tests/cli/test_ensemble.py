@@ -117,8 +117,8 @@ def test_ctrl_c_keeps_what_was_identified(
         (("--spread", "resistance=150%"), "less than 100%"),
         (("--spread", "resistence=5%"), "did you mean 'resistance'"),
         (("--spread", "inertia=5%", "--spread", "inertia=6%"), "given before"),
-        (("--spread", "inertia=5%", "--count", "0"), "n is 0"),
-        (("--spread", "inertia=5%", "--count", "1000000"), "from 1 to 200000"),
+        (("--spread", "inertia=5%", "--count", "0"), "'--count': Input should be greater than or equal to 1"),
+        (("--spread", "inertia=5%", "--count", "1000000"), "less than or equal to 200000"),
         (("nowhere.toml", "--spread", "inertia=5%"), "no such file"),
     ],
 )

@@ -183,6 +183,7 @@ def test_a_stand_s_repeatability_is_told(servobench: Command, tmp_path: Path) ->
     unknown = servobench(*study, "--operator", "shift")
 
     assert (found["parts"], found["operators"], found["trials"]) == (3, 2, 2)
+    assert f"distinct categories: {found['categories']}, " in ended.err
     exact = gauge_study(np.array(gains).reshape(3, 2, 2))
     for name in ("repeatability", "operator", "part"):
         assert found["components"][name]["sd"] == pytest.approx(exact.components[name].sd, rel=1e-3), name

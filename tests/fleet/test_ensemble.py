@@ -10,7 +10,7 @@ import pytest
 import servobench as sb
 from servobench.core.errors import UsageError
 from servobench.fleet.ensemble import IdentifiedMotor, coverages, identify_ensemble, truths_of
-from servobench.fleet.ensemble_page import html_of, remark, sentences, write_table
+from servobench.fleet.ensemble_page import coverage_text, html_of, remark, sentences, write_table
 from servobench.rig.devices.twin import TwinSettings
 from servobench.rig.ensemble.ensemble import Ensemble
 from servobench.systems.control.pid import Pid
@@ -60,8 +60,9 @@ def test_a_motor_s_recording_is_a_run_of_it(motors: Ensemble) -> None:
     # Without Coulomb friction the lanes are the twin, to the last count.
     assert exact.counts is not None
     assert np.array_equal(exact.counts[3], run["counts"].values)
-    with pytest.raises(UsageError, match="number is 4; expected one from 0 to 3"):
-        exact.recording(4)
+    for wrong in (4, -1, 1.5, "3"):
+        with pytest.raises(UsageError, match=r"number is .*; expected a whole number from 0 to 3"):
+            exact.recording(wrong)  # type: ignore[arg-type]
 
 
 def test_the_noise_of_each_recording_is_its_own() -> None:
@@ -92,6 +93,9 @@ def test_coverage_counts_the_intervals_that_hold_the_truth(motors: Ensemble) -> 
     assert told.scatter == pytest.approx(np.std([0.0, 1.0, -1.0, 3.0]))
     assert told.sd == pytest.approx(math.sqrt(0.95 * 0.05 / 4))
     assert coverages(motors, []) == ()
+    (single,) = coverages(motors, made[:1])
+    assert "1 of 1 interval holds the truth" in coverage_text(single)
+    assert "3 of 4 intervals hold the truth" in coverage_text(told)
 
 
 def test_the_sentences_say_what_a_tolerance_does() -> None:

@@ -39,7 +39,7 @@ def ensemble(
             help="How far a parameter of the motor may be off: resistance=10%, or a half width with its unit; may be repeated.",
         ),
     ] = None,
-    count: Annotated[int, typer.Option(metavar="N", help="How many motors.")] = 1000,
+    count: Annotated[int, typer.Option(metavar="N", min=1, max=200_000, help="How many motors.")] = 1000,
     seed: Seed = None,
     threads: Annotated[
         int | None,

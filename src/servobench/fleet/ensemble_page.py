@@ -158,7 +158,8 @@ def remark(ensemble: Ensemble, name: str) -> str:
 def coverage_text(each: Coverage) -> str:
     """Return in a sentence how often the intervals of a parameter hold the truth."""
     return (
-        f"{parameter_in_words(each.parameter)}: {each.covered} of {count_text(each.known, 'interval')} hold the truth "
+        f"{parameter_in_words(each.parameter)}: {each.covered} of {count_text(each.known, 'interval')} "
+        f"{'holds' if each.known == 1 else 'hold'} the truth "
         f"({plain(100 * each.share, 3)}{SPACE}%); expected 95{SPACE}% ± {plain(196 * each.sd, 2)}{SPACE}%"
     )
 

@@ -117,4 +117,4 @@ def _show(console: Console, parameter: Parameter, study: GaugeStudy) -> None:
         )
     pooled = "; the interaction is counted as repeatability, as its p value is above 0.25" * study.pooled
     enough = "enough" if study.categories >= 5 else "too few: 5 are wanted"
-    say(console, f"  {study.categories} distinct categories, {enough}{pooled}\n")
+    say(console, f"  distinct categories: {study.categories}, {enough}{pooled}\n")

@@ -58,8 +58,8 @@ class Ensemble:
     the phase margin, and for a step of its reference overshoot and settling time; each (n,), NaN where a motor has none. `final`
     is each motor's current [A], speed [rad/s] and angle [rad] at the end (3, n). `nominal` are the outcomes of the motor without
     tolerances, `sensitivities` which tolerance moves them and by how much, `bands` speed and position over time; `seed` drew
-    the motors. If asked for, `counts` (n, N) are the encoder's at each tick, in 16 bits, and `applied` [V] the voltage from then
-    on: (N,), the same for all, or (n, N).
+    the motors. If asked for, `counts` (n, N) are the encoder's at each tick, in 16 bits that wrap around, and `applied` [V] the
+    voltage from then on: (N,), the same for all, or (n, N).
     """
 
     experiment: Experiment
@@ -88,8 +88,7 @@ class Ensemble:
 
         Raises `UsageError` for a number of none.
         """
-        if not 0 <= number < len(self):
-            raise UsageError(f"number is {number}; expected one from 0 to {len(self) - 1}")
+        _check_count("number", number, len(self) - 1, least=0)
         own = {name: float(values[number]) for name, values in self.parameters.items()}
         return recording_of(own, number, self.experiment, self.motor, self.seed)
 
@@ -170,7 +169,9 @@ def ensemble(
     '22.6 to 24.9 rad/(s·V)'
     """
     twin = _twin(motor)
-    check_type("experiment", experiment, Experiment, "an Experiment, such as load_experiment(FILE) gives")
+    check_type(
+        "experiment", experiment, Experiment, 'an Experiment, such as servobench.Experiment(duration="5 s")'
+    )
     _check_count("n", n, MOST)
     _check_count("seed", seed, 2**63, least=0)
     if threads is not None:

@@ -103,7 +103,7 @@ def _tolerance(name: str, value: float, given: object) -> Tolerance:
     if value - half < 0.0 or (value == half and name not in _MAY_BE_ZERO):
         raise UsageError(
             f"{what}: {with_unit(value, PARAMETERS[name])} less {with_unit(half, PARAMETERS[name])} is a value that no motor "
-            "has; expected less than 100%"
+            f"has; expected {'at most' if name in _MAY_BE_ZERO else 'less than'} 100%"
         )
     if half == 0.0 and value == 0.0 and given not in (0, 0.0):
         raise UsageError(

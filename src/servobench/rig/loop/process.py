@@ -97,7 +97,7 @@ class LoopProcess:
     ) -> None:
         if not isinstance(experiment, Experiment):
             raise UsageError(
-                f"{experiment!r} isn't an experiment; expected an Experiment, such as load_experiment(FILE)"
+                f"{experiment!r} isn't an experiment; expected an Experiment, such as servobench.Experiment(duration='5 s')"
             )
         self.experiment = experiment
         self._path = None if record is None else Path(record)

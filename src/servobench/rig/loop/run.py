@@ -104,7 +104,9 @@ def run(
     >>> len(recording["counts"].values)
     1500
     """
-    check_type("experiment", experiment, _Runnable, "an Experiment, such as load_experiment(FILE) gives")
+    check_type(
+        "experiment", experiment, _Runnable, 'an Experiment, such as servobench.Experiment(duration="5 s")'
+    )
     _check(experiment, device)
     if experiment.duration is None and to is None:
         raise UsageError(
@@ -166,7 +168,7 @@ def _check(experiment: object, device: object) -> None:
     """Raise `UsageError` if the arguments aren't an experiment and a device."""
     if getattr(experiment, "signal", None) is None:  # what is like an experiment will do
         raise UsageError(
-            f"{experiment!r} isn't an experiment; expected an Experiment, such as load_experiment(FILE)"
+            f"{experiment!r} isn't an experiment; expected an Experiment, such as servobench.Experiment(duration='5 s')"
         )
     if getattr(device, "info", None) is None:
         raise UsageError(
