@@ -284,9 +284,11 @@ def against_jax(size: Size, python: str) -> list[Figure]:
     """Return how many times as long JAX takes for the same motor, in a process of its own, compiled before."""
     c = coefficients(motor(), STEP)
     u, out = np.clip(reference_voltage(size.short), -LIMIT, LIMIT), np.empty((size.short + 1, 3))
-    words = [python, str(FOLDER / "speed_parts" / "jax_scan.py")]
+    words = [python, "-c", "import jax_scan; jax_scan.main()"]
     found = []
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer:
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=FOLDER / "speed_parts"
+    ) as peer:
         assert peer.stdin is not None
         assert peer.stdout is not None
         for line in (c[A00 : A00 + 12].tolist(), u.tolist()):

@@ -1,4 +1,5 @@
-"""The motor with friction as a scan of JAX's, run by the Python of the peers' environment for bench/speed.py.
+"""The motor with friction as a scan of JAX's, imported by the Python of the peers' environment for
+bench/speed.py.
 
 Reads two lines of JSON: the coefficients (12,) as in twin.c, and the voltages (N,), within their limit. Then it does one
 simulation for each line that comes, and prints the processor time that it took [s]; the first one compiles.
@@ -31,7 +32,3 @@ def main() -> None:
         start = time.process_time()
         jax.block_until_ready(simulate(u))
         print(time.process_time() - start, flush=True)
-
-
-if __name__ == "__main__":
-    main()

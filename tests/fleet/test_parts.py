@@ -36,6 +36,32 @@ def test_a_part_is_written_when_the_first_row_has_waited(tmp_path: Path) -> None
     assert counts == [0, 0, 1]  # the first has waited for 0, 2 and 5 s
 
 
+@pytest.mark.parametrize("most", [2, 500], ids=["a part is full", "a part isn't full"])
+def test_ctrl_c_just_after_a_part_was_written_makes_no_row_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    monkeypatch.setattr(parts, "_MOST_ROWS", most)
+    write, interrupted = parts._write, iter([True])
+
+    def write_and_stop(path: Path, rows: list[Any]) -> None:
+        write(path, rows)
+        if next(interrupted, False):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(parts, "_write", write_and_stop)
+
+    def identify_two() -> None:
+        with Results(tmp_path / "out", SETTINGS) as results:
+            for name in "ab":
+                results.add(row(name))
+            results.flush()
+
+    with pytest.raises(KeyboardInterrupt):
+        identify_two()
+
+    assert [each["file"] for each in rows_in(tmp_path / "out")] == ["a", "b"]
+
+
 def test_small_parts_are_filled_before_another_is_begun(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

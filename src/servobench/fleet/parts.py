@@ -8,6 +8,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,6 +21,15 @@ _PART = re.compile(r"part-(\d{6})\.parquet")
 _MOST_ROWS = 500
 _LONGEST = 5.0  # s that a row waits to be written: what a kill may cost
 _UNFINISHED = ".unfinished"
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part to be written at `path`: the rows `before`, which are there already, and new `rows`."""
+
+    path: Path
+    before: list[Row]
+    rows: list[Row]
 
 
 class Results:
@@ -36,7 +46,7 @@ class Results:
         self._settings = json.loads(json.dumps({"schema": SCHEMA, **settings}))
         self._now = now
         self._lock: BinaryIO | None = None
-        self._rows: list[Row] = []
+        self._open: _Part | None = None
         self._oldest = 0.0
 
     def __enter__(self) -> Results:
@@ -87,6 +97,7 @@ class Results:
 
     def remove(self, names: Iterable[str]) -> None:
         """Remove the rows of some files, part by part."""
+        self.flush()
         gone = set(names)
         for path in part_files(self.folder) if gone else ():
             if not gone.isdisjoint(read_columns(path, ("file",))[0]):
@@ -99,16 +110,16 @@ class Results:
     def add(self, row: Row) -> None:
         """Take a row, and write a part where there are enough, or the first of them has waited for some seconds."""
         now = self._now()
-        self._oldest = self._oldest if self._rows else now
-        self._rows.append(row)
-        if len(self._rows) >= _MOST_ROWS or now - self._oldest >= _LONGEST:
+        self._oldest = self._oldest if self._open else now
+        self._append(row)
+        if self._is_full() or now - self._oldest >= _LONGEST:
             self.flush()
 
     def replace(self, row: Row, has_one: bool) -> None:
         """Take a row, in the place of an earlier one of its file if that `has_one`, and write it at once."""
         if has_one:
             self.remove([row["file"]])
-        self._rows.append(row)
+        self._append(row)
         self.flush()
 
     @property
@@ -117,14 +128,30 @@ class Results:
         return not part_files(self.folder)
 
     def flush(self) -> None:
-        """Write the rows that aren't written yet: into the last part while that is small, otherwise into a new one."""
-        if self._rows:
-            last = next(reversed(part_files(self.folder)), None)
-            before = read_rows(last) if last is not None and _row_count(last) < _MOST_ROWS else []
-            number = int(last.stem[-6:]) if last is not None else 0
-            path = self.folder / "parts" / f"part-{number + (not before):06}.parquet"
-            _write(path, before + self._rows)
-        self._rows = []
+        """Write the rows that aren't written yet: into the last part while that is small, otherwise into a new one.
+
+        Ctrl-C between the writing and the end of this leads to the same again, into the same part: no row is there twice.
+        """
+        if self._open:
+            _write(self._open.path, self._open.before + self._open.rows)
+        self._open = None
+
+    def _append(self, row: Row) -> None:
+        if self._open is None:
+            self._open = self._last_part()
+        self._open.rows.append(row)
+
+    def _is_full(self) -> bool:
+        return self._open is not None and len(self._open.rows) >= _MOST_ROWS
+
+    def _last_part(self) -> _Part:
+        """The last part while that is small, otherwise a new one."""
+        last = next(reversed(part_files(self.folder)), None)
+        before = read_rows(last) if last is not None and _row_count(last) < _MOST_ROWS else []
+        number = int(last.stem[-6:]) if last is not None else 0
+        return _Part(
+            path=self.folder / "parts" / f"part-{number + (not before):06}.parquet", before=before, rows=[]
+        )
 
     def _check_content(self) -> None:
         if not (self.folder / "settings.json").exists() and any(

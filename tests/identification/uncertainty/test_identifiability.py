@@ -87,6 +87,20 @@ def test_a_result_of_which_nothing_is_known_is_refused() -> None:
     assert finding.severity == "refusal"
 
 
+def test_where_the_gain_may_be_zero_nothing_else_is_known() -> None:
+    """A time constant is that of the answer to the input: without an answer its interval is chance, however short."""
+    fit = with_spread(fitted(), gain=2.0)
+    told = parameter_statuses(fit)
+    (finding,) = about_answers(told, combinations(fit))
+
+    assert {each.state for each in parameter_statuses(with_spread(fitted(), gain=0.4)).values()} > {
+        State.KNOWN
+    }
+    assert {each.state for each in told.values()} == {State.UNKNOWN}
+    assert finding.code == "nothing-known"
+    assert "these two columns" in finding.sentence
+
+
 def test_one_level_tells_its_speed_and_the_time_constant() -> None:
     """K (u - u_c) = 23.7 (2 - 0.16) rad/s, which is all that the steady speed at 2 V says."""
     result = identify(stepped(0.0, 2.0))

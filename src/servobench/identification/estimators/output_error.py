@@ -44,6 +44,8 @@ from servobench.identification.estimators.structure_errors import WeightedRecord
 from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure, as_protocol
 from servobench.recordings.measurement.dataset import Dataset
 
+_ROUNDED = 1e-3  # of two standard deviations: halves of a covariance that differ by more are rounding error
+
 
 @runtime_checkable
 class StartStateGuesses(Protocol):
@@ -272,10 +274,21 @@ def _of_noise(
     alone = counts_in_place(layout.data, residuals, len(minimum.theta))
     rounded = _rounding_covariance(layout, minimum, variance, alone, squares)
     exact = bread @ rounded @ bread if rounded.size else None
-    # Where the data say next to nothing of some direction, a product with its huge variance is rounding error.
-    if exact is None or not (np.diag(exact) >= 0).all():
+    if exact is None or not _is_resolved(exact):
         return _robust(layout, minimum, variance, bread)
     return exact if alone else conservative(_robust(layout, minimum, variance, bread), exact)
+
+
+def _is_resolved(covariance: Array) -> bool:
+    """Whether a product of matrices is a covariance, or rounding error: data that say next to nothing of a direction leave that.
+
+    What rounds shows in the two halves, which differ, or as a variance below zero.
+    """
+    variances = np.diag(covariance)
+    if not (variances >= 0).all():
+        return False
+    sizes = np.sqrt(np.outer(variances, variances))
+    return bool((np.abs(covariance - covariance.T) <= _ROUNDED * sizes).all())
 
 
 def _robust(layout: Layout, minimum: Minimum, variance: float, bread: Array) -> Array:

@@ -74,7 +74,10 @@ class ParameterStatus:
 def parameter_statuses(fit: Fit) -> dict[str, ParameterStatus]:
     """Return what a fit tells of each of its parameters, by name."""
     known = {each.name: each for each in combinations(fit)}
-    return {name: _status(fit, name, estimate, known) for name, estimate in fit.estimates.items()}
+    found = {name: _status(fit, name, estimate, known) for name, estimate in fit.estimates.items()}
+    if all(_acts(found[name]) for name in ("gain", "loop_gain") if name in found):
+        return found
+    return {name: replace(each, state=State.UNKNOWN, remedy=_remedy(name)) for name, each in found.items()}
 
 
 def combinations(fit: Fit) -> tuple[Combination, ...]:
@@ -107,6 +110,12 @@ def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
     bounded = all(map(np.isfinite, estimate.interval)) and 0 < estimate.interval[1] <= _largest(fit, name)
     state = State.BOUNDED if bounded else State.UNKNOWN
     return ParameterStatus(name=name, state=state, estimate=estimate, remedy=_remedy(name))
+
+
+def _acts(gain: ParameterStatus) -> bool:
+    """Whether the input moves the motor at all: where its gain may be zero, a lag or a friction of that input means nothing."""
+    low, high = gain.estimate.interval
+    return gain.state is not State.UNKNOWN or low > 0 or high < 0
 
 
 def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:

@@ -47,7 +47,11 @@ def _alone(answer: ParameterStatus) -> Finding:
 
 def _nothing(asked: Sequence[ParameterStatus]) -> Finding:
     names = " nor the ".join(parameter_in_words(answer.name, answer.estimate.unit) for answer in asked)
-    sentence = (
-        f"The data determine neither the {names} nor any combination of them: record {asked[0].remedy}."
+    low, high = asked[0].estimate.interval
+    advice = (
+        "the output shows nothing of the input. Check that these two columns belong to one motor, and record a larger input"
+        if low <= 0 <= high
+        else f"record {asked[0].remedy}"
     )
+    sentence = f"The data determine neither the {names} nor any combination of them: {advice}."
     return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in asked))
