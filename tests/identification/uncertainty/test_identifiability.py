@@ -116,6 +116,21 @@ def test_one_level_tells_its_speed_and_the_time_constant() -> None:
     assert states["time_constant"] is State.KNOWN
 
 
+def test_one_level_tells_its_speed_wherever_the_search_for_friction_began() -> None:
+    """Least squares took 8.97 of 9 V for friction, with the gain to suit: on such a footing no speed is known."""
+    random = np.random.default_rng(7)
+    t = 0.0503 * np.arange(60) + 0.0003 * random.standard_normal(60).cumsum()
+    t = (t - t[0])[:-3]
+    speed = 100 * np.round(48 * (1 - np.exp(-np.maximum(t - 0.055, 0) / 0.1)))
+    columns = {"t": t, "u": np.full(len(t), 9.0), "y": speed}
+    result = identify(columns, time="t:s", input="u:V", output="y:rad/s", starts_at_rest=True)
+    (found,) = result.combinations
+
+    assert found.name == "speed_at_level"
+    assert found.estimate.value == pytest.approx(4800, abs=3 * found.estimate.sd)
+    assert found.estimate.sd < 0.02 * 4800
+
+
 def test_what_a_result_is_good_for_follows_from_its_intervals() -> None:
     """The phase of a lag T turns by ω ΔT: 5° are reached at 0.0873/ΔT. Two gains differ by √2 half-widths."""
     fit = with_spread(fitted(), gain=0.01 / 1.959964, time_constant=0.05 / 1.959964)

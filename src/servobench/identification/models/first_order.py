@@ -41,6 +41,7 @@ from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
 
 _SOME_FRICTION = 0.1  # of the largest input
+_NEARLY_ALL = 0.9  # of the largest input
 # The place of each parameter in the kernel's vector (K, τ, u₀, u_c, d).
 _COLUMN = {"gain": 0, "time_constant": 1, "offset_voltage": 2, "coulomb_voltage": 3, "delay": 4}
 
@@ -114,13 +115,20 @@ class FirstOrder:
             return tuple(found)
         if is_held(data):
             found += self._guess_dead_zone(data, guesses[0][0])
-        if all(guess[self.parameters.index(COULOMB)] <= 0.0 for guess in found):
+        # Under one level friction may be anything, and a search from nearly all of the level stays there.
+        found = [guess for guess in found if self._friction_share(guess, data) < _NEARLY_ALL]
+        if all(self._friction_share(guess, data) <= 0.0 for guess in found):
             found.append(self._guess_some_friction(data))
         return tuple(
             guess
             for moving in found
             for guess in beside_rest(moving, self._still(moving, data), self._friction_speed(moving))
         )
+
+    def _friction_share(self, guess: Array, data: Sequence[Dataset]) -> float:
+        """The friction of a guess, of the largest input; infinite where there is no input."""
+        largest = max(float(np.abs(record.u).max()) for record in data)
+        return float(guess[self.parameters.index(COULOMB)]) / largest if largest else np.inf
 
     def _guess_dead_zone(self, data: Sequence[Dataset], lowest: float) -> list[Array]:
         """Guess as if of a shaft behind a dead zone; with an offset voltage only where that costs less than `lowest`."""

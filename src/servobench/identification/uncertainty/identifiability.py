@@ -75,7 +75,7 @@ def parameter_statuses(fit: Fit) -> dict[str, ParameterStatus]:
     """Return what a fit tells of each of its parameters, by name."""
     known = {each.name: each for each in combinations(fit)}
     found = {name: _status(fit, name, estimate, known) for name, estimate in fit.estimates.items()}
-    if all(_acts(found[name]) for name in ("gain", "loop_gain") if name in found):
+    if not any(may_be_zero(found[name]) for name in ("gain", "loop_gain") if name in found):
         return found
     return {name: replace(each, state=State.UNKNOWN, remedy=_remedy(name)) for name, each in found.items()}
 
@@ -112,10 +112,10 @@ def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
     return ParameterStatus(name=name, state=state, estimate=estimate, remedy=_remedy(name))
 
 
-def _acts(gain: ParameterStatus) -> bool:
-    """Whether the input moves the motor at all: where its gain may be zero, a lag or a friction of that input means nothing."""
+def may_be_zero(gain: ParameterStatus) -> bool:
+    """Return whether it isn't seen that the input moves the motor at all: a lag or a friction of that input means nothing then."""
     low, high = gain.estimate.interval
-    return gain.state is not State.UNKNOWN or low > 0 or high < 0
+    return gain.state is State.UNKNOWN and -np.inf < low <= 0.0 <= high < np.inf
 
 
 def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:

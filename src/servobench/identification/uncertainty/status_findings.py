@@ -7,7 +7,12 @@ from collections.abc import Mapping, Sequence
 from servobench.core.finding import Finding, info, refusal
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval
-from servobench.identification.uncertainty.identifiability import Combination, ParameterStatus, State
+from servobench.identification.uncertainty.identifiability import (
+    Combination,
+    ParameterStatus,
+    State,
+    may_be_zero,
+)
 
 _ASKED_FOR = ("gain", "loop_gain", "time_constant")
 
@@ -47,10 +52,9 @@ def _alone(answer: ParameterStatus) -> Finding:
 
 def _nothing(asked: Sequence[ParameterStatus]) -> Finding:
     names = " nor the ".join(parameter_in_words(answer.name, answer.estimate.unit) for answer in asked)
-    low, high = asked[0].estimate.interval
     advice = (
         "the output shows nothing of the input. Check that these two columns belong to one motor, and record a larger input"
-        if low <= 0 <= high
+        if may_be_zero(asked[0])
         else f"record {asked[0].remedy}"
     )
     sentence = f"The data determine neither the {names} nor any combination of them: {advice}."
