@@ -113,7 +113,7 @@ def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
 
 
 def may_be_zero(gain: ParameterStatus) -> bool:
-    """Return whether it isn't seen that the input moves the motor at all: a lag or a friction of that input means nothing then."""
+    """Return whether the input may not move the motor at all: a lag or a friction of that input then means nothing."""
     low, high = gain.estimate.interval
     return gain.state is State.UNKNOWN and -np.inf < low <= 0.0 <= high < np.inf
 
