@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,14 @@ def test_the_figures_of_the_logger_are_those_that_it_prints(folder: Path) -> Non
     assert all(line.split() in printed for line in shown.splitlines())
 
 
+def is_alike(shown: str, printed: str) -> bool:
+    """Whether two words are the same, or figures that differ by one in the last place: processors add up in different orders."""
+    if not re.fullmatch(r"-?[\d.]+", shown):
+        return shown == printed
+    last = Decimal(1).scaleb(int(Decimal(shown).as_tuple().exponent))
+    return abs(Decimal(shown) - Decimal(printed)) <= last
+
+
 def test_the_figures_of_the_motor_that_is_not_ours_are_those_that_it_prints(
     folder: Path, real_data: Callable[[str], Path]
 ) -> None:
@@ -160,7 +169,9 @@ def test_the_figures_of_the_motor_that_is_not_ours_are_those_that_it_prints(
 
     printed = identified([str(file), "--output", "y:deg/s"], folder)
 
-    assert all(line.split() in printed for line in shown)
+    for line in shown:
+        row = next(row for row in printed if row[:1] == line.split()[:1])
+        assert all(is_alike(*words) for words in zip(line.split(), row, strict=True)), row
     assert sum(line[:1] == ["!"] for line in printed) == 0
 
 
