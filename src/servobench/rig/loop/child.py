@@ -7,11 +7,13 @@ program that started it is gone. Its exit status is 0 where the run began, and t
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from types import FrameType
@@ -54,6 +56,7 @@ from servobench.systems.control.running import prepare
 
 WAKE_UP_TIME = 0.2  # s; how long the machine's own punctuality is tried
 RECORDER_PATIENCE = 30.0  # s; a process that starts on a busy machine
+SAME_REQUEST = 0.3  # s; as long as a stop has by itself and by each of its two remedies; what comes later breaks one that hangs
 
 
 class ToRing:
@@ -240,10 +243,19 @@ def _clock(experiment: Experiment, info: DeviceInfo) -> Clock:
     return clock_for(info.timing, missed=experiment.when_late.missed, phase=experiment.when_late.phase)
 
 
-def _terminate_like_ctrl_c() -> None:
-    """Let whatever asks the process to end stop the motor first."""
+def _terminate_like_ctrl_c(now: Callable[[], float] = time.monotonic) -> None:
+    """Let whatever asks the process to end stop the motor first; `now` tells the time [s].
+
+    The same request often comes twice, as from the terminal and from the program that started this one. A second interrupt
+    while the first one is on its way out could end the process before the device is stopped, so it waits.
+    """
+    interrupted = -math.inf
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal interrupted
+        if now() - interrupted < SAME_REQUEST:
+            return
+        interrupted = now()
         raise KeyboardInterrupt(f"{signal.Signals(number).name}, which was sent to the loop's process")
 
     for request in requests_here():

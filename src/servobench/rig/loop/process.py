@@ -567,8 +567,8 @@ class LoopProcess:
         silence = None if self._process.poll() is not None else self._look_for_silence()
         with suppress(OSError):
             _pipe(self._process.stdin).close()
-        # On Windows this would be the end at once, of a device that is open.
-        if self.ring.get(LOOP_STATE) == STARTING and sys.platform != "win32":
+        # On Windows this would be the end at once, of a device that is open. A silent loop gets its SIGTERM from _kill.
+        if self.ring.get(LOOP_STATE) == STARTING and silence is None and sys.platform != "win32":
             self._process.terminate()  # nothing turns yet, and what it does until then may take long
         deadline = time.monotonic() + END_PATIENCE
         while self._process.poll() is None:
