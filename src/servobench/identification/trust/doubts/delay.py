@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from servobench.core.finding import Finding, Severity, warning
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
+# Of a shaft that carries its load by a spring, the zeros lead: a fast pole and a delay of minus its time constant together follow
+# the input at once. Their sum says when the output begins.
+_LAGS = ("delay", "electrical_time_constant")
+
 
 def _delay(fit: Fit) -> list[Finding]:
     """Whether the output comes before its cause, and the search hasn't said so already."""
-    if "delay" not in fit.model.names:
+    names = fit.model.names
+    if "delay" not in names:
         return []
-    delay, step = fit["delay"], fit.records[0].data.sample_time
+    summed = np.array([name in _LAGS for name in names], dtype=float)
+    lag, sd = float(summed @ fit.model.theta), float(np.sqrt(summed @ fit.covariance @ summed))
     told = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
-    if told or delay.value >= -3 * delay.sd or delay.value >= -0.6 * step:
+    if told or lag >= -3 * sd or lag >= -0.6 * fit.records[0].data.sample_time:
         return []
     sentence = (
-        f"The output comes {-delay.value:.3g} s before the input that causes it: the "
-        "two columns are misaligned."
+        f"The output comes {-lag:.3g} s before the input that causes it: the two columns are misaligned."
     )
     return [warning("delay-negative", sentence, parameters=("delay",))]
 

@@ -1,0 +1,39 @@
+"""An output that comes before its cause, and one that only seems to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.finding import Finding
+from servobench.identification.estimators.base import Fit
+from servobench.identification.identify import identify
+from servobench.identification.trust.doubts.base import DOUBTS
+from tests.identification.trust.test_explanations import two_masses
+
+
+def test_a_lag_that_makes_up_for_a_negative_delay_leaves_the_columns_aligned() -> None:
+    """The motor's half of two masses on a spring has zeros that lead: fitted with a winding, lag and delay cancel."""
+    fit = identify(two_masses(200.0, 0), structure="second_order").fit
+    assert fit is not None
+    known = replace(fit, covariance=1e-12 * np.eye(len(fit.model.theta)))  # no interval hides the sign
+    lag = fit.model["electrical_time_constant"]
+
+    assert fit.model["delay"] < -0.5 * lag
+    assert _doubts(known) == []
+    (found,) = _doubts(_with_lag(known, lag - 0.002))  # the sample time is 2 ms
+    assert found.code == "delay-negative"
+    assert f"comes {0.002 - lag - fit.model['delay']:.3g} s before" in found.sentence
+
+
+def _with_lag(fit: Fit, lag: float) -> Fit:
+    names = fit.model.names
+    theta = np.where([name == "electrical_time_constant" for name in names], lag, fit.model.theta)
+    return replace(fit, model=replace(fit.model, theta=theta))
+
+
+def _doubts(fit: Fit) -> list[Finding]:
+    about_fit = DOUBTS["delay"].about_fit
+    assert about_fit is not None
+    return list(about_fit(fit))
