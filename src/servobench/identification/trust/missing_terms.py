@@ -7,6 +7,7 @@ amount.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,11 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
+from servobench.identification.estimators.prediction_error import (
+    THRESHOLD,
+    disturbance_test,
+    with_innovations,
+)
 from servobench.identification.models.rational import Rational
 from servobench.identification.uncertainty.score_test import ScoreTest, Term, TermScore, size_beside
 
@@ -180,6 +186,27 @@ def score_terms(fit: Fit) -> tuple[TermScore, ...]:
     if largest == 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
         return ()
     return tuple(ScoreTest(fit, largest).scores(TERMS))
+
+
+def beside_torque(shown: Sequence[TermScore]) -> tuple[TermScore, ...]:
+    """Return the scores, none larger than beside a random torque, where one is as likely and the fit tested has none.
+
+    What a torque does to a position looks like many a term, as long as nothing filters it out.
+    """
+    asked = [one for one in shown if one.size > one.term.limit]
+    test = disturbance_test(asked[0].fit) if asked and asked[0].fit.disturbance is None else None
+    if test is None or test.likelihood_ratio <= THRESHOLD:
+        return tuple(shown)
+    fit = asked[0].fit
+    data = [record.data for record in fit.records]
+    records, torque = with_innovations(fit.model.structure, data, fit.vector, test.disturbance)
+    filtered = replace(
+        fit, records=records, disturbance=torque, residual_sd=float(np.sqrt(torque.variance))
+    )
+    terms = [one.term for one in asked]
+    sizes = [each.size for each in ScoreTest(filtered, asked[0].largest).scores(terms)]
+    smaller = {one.term: min(one.size, size) for one, size in zip(asked, sizes, strict=True)}
+    return tuple(replace(one, size=smaller.get(one.term, one.size)) for one in shown)
 
 
 def missing_terms(shown: Sequence[TermScore]) -> list[Finding]:
