@@ -226,7 +226,7 @@ def _size_of(fit: Fit, innovations: Array, rest: Array) -> tuple[float, Array]:
     score = rest * innovations[:, None]
     coloured = long_run(score, andrews_lag(score))
     size = min(_normal_equivalent(total, rest.T @ rest), _normal_equivalent(total, coloured))
-    if size > LIMIT:
+    if size > LIMIT and fit.disturbance is None and fit.records[0].data.kind == "speed":
         size = min(size, _normal_equivalent(total, _slowly_coloured(fit, score)))
     rounded = by_rounding(fit, rest) if size > ASKED else None
     if rounded is not None:
@@ -235,13 +235,12 @@ def _size_of(fit: Fit, innovations: Array, rest: Array) -> tuple[float, Array]:
 
 
 def _slowly_coloured(fit: Fit, score: Array) -> Array:
-    """The long-run variance (K, K) of scores (N, K) by sums over a third of a time constant.
+    """The long-run variance (K, K) of scores (N, K) of a speed, by sums over a third of a time constant.
 
-    Where a random torque hides below the noise of differenced counts, neighbours don't show it: their noise cancels.
+    Below the noise of differenced counts, which cancels from sample to sample, a random torque doesn't show in neighbours.
     """
-    data = fit.records[0].data
-    size = int(_BLOCK * abs(fit.model["time_constant"]) / data.sample_time) if "time_constant" in fit.model.names else 1
-    size = min(max(size, 1), len(score))
+    tau = fit.model["time_constant"] if "time_constant" in fit.model.names else 0.0
+    size = int(np.clip(_BLOCK * tau / fit.records[0].data.sample_time, 1, len(score)))
     summed = np.add.reduceat(score, np.arange(0, len(score), size))
     return long_run(summed, andrews_lag(summed))
 
