@@ -190,9 +190,7 @@ def _allow_without_friction(base: _Base, fit: Fit, allow: Callable[[Fit], Fit]) 
     without = allow(frictionless)
     if without.disturbance is None or not explains_the_colour(without):
         return base, fit
-    sentence = (
-        "The data show no Coulomb friction: where it would hold the shaft, a random torque moves it all the same."
-    )
+    sentence = "The data show no Coulomb friction: where it would hold the shaft, a random torque moves it all the same."
     return replace(base, fit=frictionless, findings=(info("friction-not-found", sentence),)), without
 
 

@@ -201,9 +201,7 @@ def beside_torque(shown: Sequence[TermScore]) -> tuple[TermScore, ...]:
         return tuple(shown)
     fit, data = asked[0].fit, [record.data for record in asked[0].fit.records]
     records, torque = with_innovations(fit.model.structure, data, fit.vector, test.disturbance)
-    filtered = replace(
-        fit, records=records, disturbance=torque, residual_sd=float(np.sqrt(torque.variance))
-    )
+    filtered = replace(fit, records=records, disturbance=torque, residual_sd=float(np.sqrt(torque.variance)))
     explained = explains_the_colour(filtered)
     again = ScoreTest(filtered, asked[0].largest).scores([one.term for one in asked])
     made_up = {each.term for each in again if each.size <= (each.term.limit if explained else ASKED)}
