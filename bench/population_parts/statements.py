@@ -70,7 +70,7 @@ def _level(result: Result) -> float:
     stated = [each for each in result.combinations if each.name == "speed_at_level"]
     if not stated or result.fit is None:
         return math.nan
-    shown = float(stated[0].meaning.split()[2])
+    shown = float(stated[0].meaning.split()[2].replace("−", "-"))  # printed as people write it
     values = dict(zip(result.fit.model.names, result.fit.model.theta, strict=True))
     lost = float(values[stated[0].parameters[1]])
     reached = stated[0].estimate.value / float(values["gain"])

@@ -277,7 +277,7 @@ def _judge(
         *about_winding(fit),
         *about_current_input(fit),
         *([] if choice.computed else validate(fit)),
-        *missing_terms(choice.shown),
+        *missing_terms(choice.terms),
         *superfluous_terms(fit),
         *about_validation(fit, validation, validate_on),
         *_causes(fit, nominal),
@@ -313,7 +313,7 @@ def _with_allowances(
     )
     if estimator == "auto":
         fit = with_unseen_torque(fit)
-    fit = with_missing_terms(fit, choice.shown)
+    fit = with_missing_terms(fit, choice.terms)
     fit = with_rounded_times(with_curved_valley(fit))
     fit = with_unresolved_time_constant(with_model_error(fit, one_level))
     fit = widen_for_lag_split(with_unknown_chain(widen_for_host_delay(fit)))

@@ -196,3 +196,21 @@ def test_a_speed_that_is_zero_at_its_goal_is_not_called_blocked() -> None:
     dead = np.arange(SAMPLES) * SAMPLE_TIME < 3.1
 
     assert told(replace(sound, y=np.where(dead, 0.0, sound.y), input_unit="rad/s")) == set()
+
+
+def test_a_motor_that_sets_off_at_the_end_of_a_rest_is_not_called_blocked() -> None:
+    """A hundred rows, 49 counts in a turn: three of the six rows that stand still are driven, and two of them are the delay."""
+    u = np.concatenate([np.zeros(4), np.full(32, 1.04), np.full(32, -1.04), np.full(32, 1.04)])
+    motor = Truth(
+        resistance=1.0,
+        inductance=1e-6,
+        motor_constant=1 / 84.0,
+        inertia=0.146 / 84.0**2,
+        viscous_friction=0.0,
+        coulomb_torque=0.117 / 84.0,
+    )
+    quantum, late = 2 * np.pi / 49, 2
+    angle = march(motor, np.concatenate([np.zeros(late), u])[: len(u)], 0.0147)[:, 2]
+    y = (np.floor(angle / quantum + 0.3) + 0.5) * quantum
+    data = dataset(seed=1, samples=len(u), sample_time=0.0147, u=u, y=y)
+    assert told(_replaced(data, quantum)) == set()

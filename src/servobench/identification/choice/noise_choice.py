@@ -26,6 +26,7 @@ from servobench.identification.uncertainty.score_test import innovations_and_jac
 
 _LASTS = 1.5  # times what white noise would make: from there on the rounding of a shaft at rest is what makes intervals wide
 _WORTH = 0.64  # the product of two parameters' standard deviations over what they were: a fifth less of each
+_LOWER = 1.0 - 1e-3  # times: a sum of squares that is lower by less is that of the same minimum
 _AGREES = 3.0  # standard deviations of the wider estimate
 
 
@@ -39,7 +40,8 @@ def allow_for_disturbance(fit: Fit) -> Fit:
 
     Where every count is where it should be there is nothing to allow for, or nothing but rounding.
     Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error is the safer of two wrong
-    noise models, with a covariance that allows for what the other one makes of the same data.
+    noise models, with a covariance that allows for what the other one makes of the same data. Where the place that prediction
+    error comes to simulates better than that of output error, the latter was no minimum but a local one, and is left.
     """
     if any(finding.code == delay_prior.CODE for finding in fit.findings):
         return _torque_fit_if_delay_known(fit)
@@ -57,6 +59,10 @@ def allow_for_disturbance(fit: Fit) -> Fit:
         if counted is not None:
             return counted
         allowing = PredictionError().fit_after(fit, test)
+        if _squares(allowing) < _LOWER * _squares(fit):
+            method = ESTIMATORS["output_error"]
+            data = [record.data for record in fit.records]
+            return allow_for_disturbance(method.fit(fit.model.structure, data, [allowing.vector]))
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
     return allowing if fed_back or explains_the_colour(allowing) else allow_for_misfit(fit)
 
@@ -105,6 +111,11 @@ def _is_more_informative(counted: Fit, fit: Fit) -> bool:
     own = np.sqrt(np.diag(fit.covariance))
     smaller = np.prod([counted.sd(name) / fit.sd(name) for name in ("gain", "time_constant")])
     return bool(smaller < _WORTH and np.all(apart <= _AGREES * own))
+
+
+def _squares(fit: Fit) -> float:
+    """The sum of squares of what a simulation with the fit's parameters leaves over."""
+    return sum(float(np.sum(record.residual[record.valid] ** 2)) for record in fit.records)
 
 
 def _torque_fit_if_delay_known(fit: Fit) -> Fit:

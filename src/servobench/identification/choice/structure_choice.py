@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info
-from servobench.core.rounding import instead_of
+from servobench.core.rounding import TWO_SIDED, instead_of
 from servobench.identification.choice.computed_data import about_computed, fit_to_computed
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
@@ -38,7 +39,7 @@ from servobench.identification.models.motion import smooth_speed, turns_both_way
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
-from servobench.identification.trust.missing_terms import score_terms
+from servobench.identification.trust.missing_terms import beside_torque, score_terms
 from servobench.identification.trust.validation import explains_the_colour
 from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
@@ -67,6 +68,11 @@ class Choice:
     computed: bool = False
     shown: tuple[TermScore, ...] = ()
     findings: tuple[Finding, ...] = ()
+
+    @cached_property
+    def terms(self) -> tuple[TermScore, ...]:
+        """The scores of terms that also show beside a random torque."""
+        return beside_torque(self.shown)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,7 +155,9 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     """
     fit = allow(base.fit)
     rival = base.fits.get("first_order_coulomb")
-    if fit.disturbance is None or rival is None or base.fit is rival:
+    if rival is not None and base.fit is rival:
+        return _allow_without_friction(base, fit, allow)
+    if fit.disturbance is None or rival is None:
         return base, fit
     with_friction = allow(rival)
     if with_friction.disturbance is None:
@@ -167,6 +175,23 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     else:
         return base, fit
     return replace(base, fit=rival, findings=(found,)), with_friction
+
+
+def _allow_without_friction(base: _Base, fit: Fit, allow: Callable[[Fit], Fit]) -> tuple[_Base, Fit]:
+    """The base without Coulomb friction, if with it no noise model explains the residual and without it a random torque does.
+
+    A simulation takes what a torque does to the position for a little friction, which can't be told from none. A shaft that it
+    would hold wanders all the same, so that no torque explains the rests.
+    """
+    frictionless = base.fits.get("first_order")
+    told = abs(fit.model["coulomb_voltage"]) > TWO_SIDED * fit.sd("coulomb_voltage")
+    if frictionless is None or told or fit.disturbance is not None or explains_the_colour(fit):
+        return base, fit
+    without = allow(frictionless)
+    if without.disturbance is None or not explains_the_colour(without):
+        return base, fit
+    sentence = "The data show no Coulomb friction: where it would hold the shaft, a random torque moves it all the same."
+    return replace(base, fit=frictionless, findings=(info("friction-not-found", sentence),)), without
 
 
 def _friction_possible(gains: str) -> Finding:

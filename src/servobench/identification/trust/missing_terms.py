@@ -7,6 +7,7 @@ amount.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,8 +16,14 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
+from servobench.identification.estimators.prediction_error import (
+    THRESHOLD,
+    disturbance_test,
+    with_innovations,
+)
 from servobench.identification.models.rational import Rational
-from servobench.identification.uncertainty.score_test import ScoreTest, Term, TermScore, size_beside
+from servobench.identification.trust.validation import explains_the_colour
+from servobench.identification.uncertainty.score_test import ASKED, ScoreTest, Term, TermScore, size_beside
 
 _AS_LIKELY = 3.84  # in χ²: what chance exceeds in 5 % of runs
 _RIPPLES = range(1, 17)  # times a revolution
@@ -180,6 +187,25 @@ def score_terms(fit: Fit) -> tuple[TermScore, ...]:
     if largest == 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
         return ()
     return tuple(ScoreTest(fit, largest).scores(TERMS))
+
+
+def beside_torque(shown: Sequence[TermScore]) -> tuple[TermScore, ...]:
+    """Return the scores without those that don't show beside a random torque, where one is likely and the fit tested has none.
+
+    What a torque does to a position looks like many a term, as long as nothing filters it out. Where it explains the residual, a
+    term has to show beside it as plainly as by itself; where it doesn't, a hint is enough.
+    """
+    asked = [one for one in shown if one.size > one.term.limit]
+    test = disturbance_test(asked[0].fit) if asked and asked[0].fit.disturbance is None else None
+    if test is None or test.likelihood_ratio <= THRESHOLD:
+        return tuple(shown)
+    fit, data = asked[0].fit, [record.data for record in asked[0].fit.records]
+    records, torque = with_innovations(fit.model.structure, data, fit.vector, test.disturbance)
+    filtered = replace(fit, records=records, disturbance=torque, residual_sd=float(np.sqrt(torque.variance)))
+    explained = explains_the_colour(filtered)
+    again = ScoreTest(filtered, asked[0].largest).scores([one.term for one in asked])
+    made_up = {each.term for each in again if each.size <= (each.term.limit if explained else ASKED)}
+    return tuple(one for one in shown if one.term not in made_up)
 
 
 def missing_terms(shown: Sequence[TermScore]) -> list[Finding]:

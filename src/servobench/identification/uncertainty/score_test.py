@@ -34,6 +34,7 @@ LIMIT = 5.0  # standard deviations of a normal number that is as improbable
 ASKED = 2.0  # below that the amount of a term isn't computed
 SMALL: Final = 1e-4
 """Of the largest input: the size of a term's extra input, small enough for the response to be linear in it."""
+_BLOCK = 0.33  # of τ: what a random torque did to the speed hardly fades within
 _AT_ONCE = (
     2**15
 )  # samples, over the terms whose columns are held at once: about what a processor's cache holds
@@ -225,10 +226,23 @@ def _size_of(fit: Fit, innovations: Array, rest: Array) -> tuple[float, Array]:
     score = rest * innovations[:, None]
     coloured = long_run(score, andrews_lag(score))
     size = min(_normal_equivalent(total, rest.T @ rest), _normal_equivalent(total, coloured))
+    if size > LIMIT and fit.disturbance is None and fit.records[0].data.kind == "speed":
+        size = min(size, _normal_equivalent(total, _slowly_coloured(fit, score)))
     rounded = by_rounding(fit, rest) if size > ASKED else None
     if rounded is not None:
         size = min(size, _normal_equivalent(total, rounded))
     return size, coloured
+
+
+def _slowly_coloured(fit: Fit, score: Array) -> Array:
+    """The long-run variance (K, K) of scores (N, K) of a speed, by sums over a third of a time constant.
+
+    Below the noise of differenced counts, which cancels from sample to sample, a random torque doesn't show in neighbours.
+    """
+    tau = fit.model["time_constant"] if "time_constant" in fit.model.names else 0.0
+    size = int(np.clip(_BLOCK * tau / fit.records[0].data.sample_time, 1, len(score)))
+    summed = np.add.reduceat(score, np.arange(0, len(score), size))
+    return long_run(summed, andrews_lag(summed))
 
 
 def _unresolvable_ripple(fit: Fit) -> float:

@@ -28,6 +28,7 @@ _PILE = 0.005  # of the samples are exactly alike where a sensor without steps i
 _ALONE = 5.0  # times as many samples at the end of the range as at any other value
 _ARRIVED = 0.05  # of the range: as near to its reference as a loop comes before friction holds it
 _WOULD_GO = 10.0  # quanta that the shaft would go at its top speed one way: on fewer it may have turned round
+_LATE = 2  # samples of delay, as a loop often has them
 _PART = 0.05  # of the record, for a blocked shaft
 _TURNS_WITHIN = (
     3.0  # quanta: a shaft that goes no farther before and after it turned round may have done so unseen
@@ -213,7 +214,7 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     lost = _without_effect(data, np.where(driven, u, 0.0), flats, quantum)
     for flat in long:
         rows = slice(flat.first, flat.last + 1)
-        held_back = abs(float(np.sum(np.sign(u[rows]) * driven[rows]))) * data.sample_time * fastest
+        held_back = _way_held_back(data, np.sign(u[rows]) * driven[rows], fastest)
         turns = data.kind == "position" and _may_turn_within(data, flat, quantum)
         stays = held_back > _WOULD_GO * quantum and not turns
         if (np.mean(driven[rows]) > 0.3 and stays) or flat in lost:
@@ -230,9 +231,25 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
 
 def _may_turn_within(data: Dataset, flat: _Flat, quantum: float) -> bool:
     """Whether a shaft may have turned round in the middle of a flat of time t: at an acceleration a it goes a t²/8 either way."""
-    quickest = float(np.abs(np.diff(smooth_speed(data))).max()) / data.sample_time
     time = (flat.last - flat.first) * data.sample_time
-    return quickest * time**2 / 8.0 <= _TURNS_WITHIN * quantum
+    return _quickest(data) * time**2 / 8.0 <= _TURNS_WITHIN * quantum
+
+
+def _way_held_back(data: Dataset, driven: Array, fastest: float) -> float:
+    """How far a shaft would have gone in a flat in which it was `driven` (N,) to and fro (1 and -1) or not at all (0).
+
+    At its usual speed; under an input that only comes on at the end of the flat it has to set off first, after a delay.
+    """
+    off = np.flatnonzero(driven != driven[-1])
+    late = len(driven) - 1 - int(off[-1]) if len(off) and driven[-1] else 0
+    time = max(late - _LATE, 0) * data.sample_time
+    way = min(fastest * time, 0.5 * _quickest(data) * time**2)
+    return abs(float(np.sum(driven[: len(driven) - late]))) * data.sample_time * fastest + way
+
+
+def _quickest(data: Dataset) -> float:
+    """The largest acceleration of the output that its smoothed speed shows."""
+    return float(np.abs(np.diff(smooth_speed(data))).max()) / data.sample_time
 
 
 def _without_effect(data: Dataset, u: Array, flats: list[_Flat], quantum: float) -> list[_Flat]:

@@ -1,0 +1,68 @@
+"""Where prediction error shows that output error ended in a wrong place, or that what looks like friction is a random torque."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.identification.choice.noise_choice import allow_for_disturbance
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import dataset
+from tests.rig.motor.reference import Truth, march
+from tests.truth.test_intervals import answers
+
+GAIN, TIME_CONSTANT, COULOMB = 2.78, 0.0065, 0.62
+
+
+def one_sine() -> Dataset:
+    """A motor of six samples in a time constant under a sine of four volts, recorded while it ran."""
+    constant, step, quantum, before = 1 / GAIN, 0.00108, 2 * np.pi / 19442, 60
+    motor = Truth(
+        resistance=1.0,
+        inductance=1e-6,
+        motor_constant=constant,
+        inertia=TIME_CONSTANT * constant**2,
+        viscous_friction=0.0,
+        coulomb_torque=COULOMB * constant,
+    )
+    random = np.random.default_rng(6)
+    rate = 2 * np.pi / random.uniform(25, 70)
+    u = 4.16 * np.sin(rate * np.arange(before + 151) + random.uniform(0, 6.28))
+    angle = march(motor, np.roll(u, 1), step, angle=random.uniform(0, 0.1))[before:, 2]
+    y = (np.floor(angle / quantum) + 0.5) * quantum
+    data = dataset(seed=1, samples=151, sample_time=step, u=u[before:], y=y)
+    return replace(data, quantum=quantum, input_before=float(u[before - 1]))
+
+
+def squares(fit: Fit) -> float:
+    return float(np.sum(fit.records[0].residual ** 2))
+
+
+def test_a_search_that_ended_beside_the_minimum_goes_on_from_where_prediction_error_came_to() -> None:
+    data = one_sine()
+    first = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+    found = allow_for_disturbance(first)
+    assert squares(found) < 0.95 * squares(first)
+    fit = identify(data).fit
+    assert fit is not None
+    assert fit.estimator == "output_error"  # nothing shakes this motor
+    for name, true in (("gain", GAIN), ("time_constant", TIME_CONSTANT), ("coulomb_voltage", COULOMB)):
+        low, high = fit[name].interval
+        assert low < true < high, name
+
+
+@pytest.mark.parametrize("noise", [3e-5, 1e-4])
+def test_a_shaft_without_friction_that_a_torque_moves_in_its_rests_is_given_none(noise: float) -> None:
+    """A simulation takes the torque's wandering for friction; a shaft that rests doesn't wander, which no noise explains."""
+    u = np.repeat([0.0, 3.0, 0.0, -3.0, 0.0, 2.0], 500)
+    truth = Truth(coulomb_torque=0.0)
+    fit = identify(dataset(seed=0, samples=len(u), truth=truth, torque_noise=noise, u=u)).fit
+    assert fit is not None
+    assert (fit.structure, fit.estimator) == ("first_order", "prediction_error")
+    gain = fit["gain"]
+    assert abs(gain.value - answers(truth)["gain"]) < 3 * gain.sd
