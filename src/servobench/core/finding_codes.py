@@ -318,6 +318,7 @@ _TABLE = (
     FindingCode("rows-left-out", "Rows without a usable value are left out."),
     FindingCode("rows-not-recorded", "The recorder missed samples of the run.", "Look for what kept the computer busy."),
     FindingCode("rows-remark", "Remarks behind the numbers aren't read."),
+    FindingCode("rows-text", "Lines of text between the numbers aren't read."),
     FindingCode("runs-agree", "The runs differ no more than their intervals say."),
     FindingCode("runs-differ", "The runs differ by more than their intervals say.",
         "Use the spread between runs as the uncertainty."),

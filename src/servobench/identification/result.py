@@ -175,7 +175,10 @@ class Result:
 
     @property
     def equation(self) -> str:
-        """The transfer function as a line, to as many digits as are known, K for a gain that isn't; empty without a fit."""
+        """The transfer function as a line, to as many digits as are known, K for a gain that isn't; empty without a fit.
+
+        A delay that may be zero isn't in it, unless it is part of a lag that is known only as a whole.
+        """
         if self.fit is None:
             return ""
         model, estimates = self.fit.model, self.fit.estimates
@@ -186,8 +189,9 @@ class Result:
             model = replace(model, theta=np.array(theta))
         system = model.transfer_function("speed")
         delay = estimates.get("delay")
-        if system.delay < 0 and delay is not None and delay.interval[1] >= 0:
-            system = replace(system, delay=0.0)  # below zero by chance
+        lag = "delay" in self.answers and self.answers["delay"].state is State.COMBINATION
+        if delay is not None and delay.interval[0] <= 0 <= delay.interval[1] and not (lag and system.delay > 0):
+            system = replace(system, delay=0.0)
         gain = estimates.get("gain")
         answer = self.answers.get("gain")
         untold = answer is not None and answer.state in (State.COMBINATION, State.UNKNOWN)
