@@ -87,7 +87,7 @@ def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
         show_findings(console, rest)
     elif rest:
         # The tests of a model that can't be are no news.
-        console.print(f"    and {len(rest)} less important ones (--all-findings)", style="dim")
+        _show_rest(console, len(rest))
 
 
 def _determines_nothing(result: Result) -> bool:
@@ -117,7 +117,11 @@ def show_findings(
         if len(sentences) > alike:
             console.print(f"    and {len(sentences) - alike} more of this kind", style="dim")
     if len(shown) < len(groups):
-        console.print(f"    and {len(groups) - len(shown)} less important ones (--all-findings)", style="dim")
+        _show_rest(console, len(groups) - len(shown))
+
+
+def _show_rest(console: Console, number: int) -> None:
+    console.print(f"    and {number} less important {'ones' if number > 1 else 'one'} (--all-findings)", style="dim")
 
 
 def _weightiest(groups: Sequence[tuple[Finding, ...]], most: int) -> Sequence[tuple[Finding, ...]]:

@@ -174,11 +174,26 @@ def test_a_column_that_must_be_the_time_is_asked_for_by_name() -> None:
     rows = made("column_1", "column_2", t=None)
     rows["column_1"].values[:] = np.arange(100)
 
-    assert "`timestamp` may be the time, called so: say `time=timestamp:s`" in missing(named)[-1]
+    assert "`timestamp` may be the time by its name: say `time=timestamp:s`" in missing(named)[-1]
     assert (
-        "`column_1` may be the time, growing from row to row: say `time=column_1:s`" in missing(unnamed)[-1]
+        "`column_1` may be the time as it grows from row to row: say `time=column_1:s`" in missing(unnamed)[-1]
     )
     assert "one of `column_1`, `column_2`" in missing(rows)[-1]  # it only counts them
+
+
+def test_only_columns_without_a_role_are_offered_for_one() -> None:
+    """The time and what is surely the output can't drive the motor."""
+    asked = missing(made("time", "position", "a", "b", position="rad"))
+
+    assert "the columns are `a`, `b`" in asked[0]
+    assert "no column is left for it" in missing(made("time", "setpoint", "position", position="rad"))[0]
+
+
+def test_counts_per_turn_say_that_an_output_without_a_unit_is_in_counts() -> None:
+    assigned = assign(made("u", "encoder", u="V"), counts_per_rev=4096)
+
+    assert assigned["encoder"].channel.unit == "counts"
+    assert "`encoder` is read in counts" in finding(assigned.findings, "unit-by-convention").sentence
 
 
 def test_a_goal_is_told_from_what_drives_the_motor() -> None:

@@ -71,7 +71,7 @@ def assign(
     asked |= {"reference": reference} if reference is not None else {}
     asked |= {"supply": supply} if supply is not None and volts is None else {}
     asked |= {"current": current} if current is not None else {}
-    roles, before = _choose_and_time(recording, asked, spec_of(time, recording), sample_time)
+    roles, before = _choose_and_time(recording, asked, spec_of(time, recording), sample_time, counts_per_rev is not None)
     taken, about_samples = usable(recording.name, {role: roles.series[role] for role in ("input", "output")})
     result = replace(
         recording,
@@ -129,13 +129,17 @@ def _choose_and_time(
     asked: dict[Role, str | ColumnSpec | None],
     time: ColumnSpec | None,
     sample_time: float | str | None,
+    in_counts: bool,
 ) -> tuple[_Roles, list[Finding]]:
-    """The series of the roles, and the findings of the recording that still hold; raises `MissingInformation`."""
+    """The series of the roles, and the findings of the recording that still hold; raises `MissingInformation`.
+
+    An output without a unit is `in_counts` where the counts per turn are given.
+    """
     missing: list[str] = []
     parts: dict[Role, Choice] = {}
     for role, given in asked.items():
         taken = [each.series.channel.name for each in parts.values()]
-        part = choose(recording, role, spec_of(given, recording), taken)
+        part = choose(recording, role, spec_of(given, recording), taken, in_counts and role == "output")
         if isinstance(part, str):
             missing.append(part)
         else:
