@@ -74,6 +74,7 @@ _TABLE = (
     FindingCode("column-from-other-file", "The mapping names a column of another file of the same kind."),
     FindingCode("column-not-numbers", "A column in use holds cells that aren't numbers.",
         "Correct the cells, or name another column."),
+    FindingCode("column-signed", "The input's sign stands in a column of its own."),
     FindingCode("column-skipped", "Columns that aren't numbers aren't read."),
     FindingCode("columns-not-numbers", "Columns hold no numbers and are left out."),
     FindingCode("coulomb-torque-with-offset", "After turning one way only, the Coulomb torque includes the offset.",

@@ -15,7 +15,7 @@ import numpy as np
 from servobench._version import __version__
 from servobench.core.arguments import check_mapping, check_type
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.core.finding import Finding, Verdict, refusal, verdict
+from servobench.core.finding import Finding, Severity, Verdict, refusal, verdict
 from servobench.core.parameter_names import plain_words
 from servobench.identification.choice.noise_choice import (
     allow_for_disturbance,
@@ -225,7 +225,8 @@ def _identify(
     if is_unexplained(findings):
         told = {finding.code for finding in findings}
         causes = judged.causes.explain(judged.fit.fit_percent if judged.fit else np.nan)
-        findings += [cause for cause in causes if cause.code not in told and not _in_model(cause, judged.fit)]
+        new = [cause for cause in causes if cause.code not in told and not _in_model(cause, judged.fit)]
+        findings = [*new, *findings]  # what is wrong says more than that something is
     return Result(
         data=records,
         fit=judged.fit,
@@ -297,10 +298,8 @@ def _judge(
     )
 
 
-def _about_known(
-    findings: Sequence[Finding], answers: Mapping[str, ParameterStatus]
-) -> list[Finding]:
-    """The findings without those on where the search left a parameter that isn't known by itself: no end of a range means more."""
+def _about_known(findings: Sequence[Finding], answers: Mapping[str, ParameterStatus]) -> list[Finding]:
+    """The findings without those on an end of its range of a parameter that isn't known by itself."""
     return [
         each
         for each in findings

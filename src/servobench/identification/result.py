@@ -190,7 +190,11 @@ class Result:
         system = model.transfer_function("speed")
         delay = estimates.get("delay")
         lag = "delay" in self.answers and self.answers["delay"].state is State.COMBINATION
-        if delay is not None and delay.interval[0] <= 0 <= delay.interval[1] and not (lag and system.delay > 0):
+        if (
+            delay is not None
+            and delay.interval[0] <= 0 <= delay.interval[1]
+            and not (lag and system.delay > 0)
+        ):
             system = replace(system, delay=0.0)
         gain = estimates.get("gain")
         answer = self.answers.get("gain")
@@ -206,7 +210,7 @@ class Result:
         return f"G(s) = {text}, in {system.unit}"
 
     def _lag_in_words(self, system: TransferFunction) -> str:
-        """What stands below a gain whose time constant isn't known by itself; empty where it is, or where there is more than it."""
+        """What stands below a gain whose time constant isn't known by itself; empty where it is, or isn't alone."""
         lag = self.answers.get("time_constant")
         if lag is None or lag.state is State.KNOWN or len(system.denominator) != 2:
             return ""

@@ -64,7 +64,8 @@ def _nothing(asked: Sequence[ParameterStatus], fit: Fit) -> Finding:
         advice = _any_gain(asked[0], fit)
     else:
         advice = (
-            "the output shows nothing of the input. Check that these two columns belong to one motor, and record a larger input"
+            "the output shows nothing of the input. Check that these two columns belong to one motor, or record a larger "
+            "input"
         )
     sentence = f"The data determine neither the {names} nor any combination of them: {advice}."
     return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in asked))
@@ -76,6 +77,6 @@ def _any_gain(gain: ParameterStatus, fit: Fit) -> str:
     widest = max(composition(fit), key=lambda line: line.half_widths.get(gain.name, 0.0))
     return (
         f"this model explains {fit.fit_percent:.0f} % of the output, but allows any gain from {told.low} to {told.high} "
-        f"{told.unit}, mostly for its {widest.source}. Record steps between several levels in open loop, each until the speed "
-        "settles"
+        f"{told.unit} (the largest part of that: {widest.source}). Record steps between several levels in open loop, each until "
+        "the speed settles"
     )

@@ -89,7 +89,9 @@ def choose(
         findings.append(info("unit-by-convention", sentence))
     if symbol is None and in_counts:
         symbol = "counts"
-        sentence = f"`{name}` is read in counts, as the counts per turn are given; otherwise say `{role}=COL:UNIT`."
+        sentence = (
+            f"`{name}` is read in counts, as the counts per turn are given; otherwise say `{role}=COL:UNIT`."
+        )
         findings.append(info("unit-by-convention", sentence))
     if symbol is None:
         examples = " or ".join(shell_text(f"{name}:{unit}") for unit in _EXAMPLES[role])
@@ -204,8 +206,7 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
 def _left(recording: Recording, role: Role, taken: Sequence[str]) -> list[str]:
     """The columns that may have a role still: as long as the longest, not the times, and not surely something else."""
     other: Role = "output" if role == "input" else "input"
-    recognised = recognise(recording, other, without=taken)
-    used = {*taken, *(each.name for each in recognised[:1] if len(recognised) == 1)}
+    used = {*taken, *(each.name for each in recognise(recording, other, without=taken))}
     most = max((len(each.values) for each in recording.series), default=0)
     return [
         each.channel.name
@@ -221,7 +222,11 @@ def _left(recording: Recording, role: Role, taken: Sequence[str]) -> list[str]:
 def _list_of(names: Sequence[str]) -> str:
     if not names:
         return "no column is left for it"
-    return f"the only column left is {quote(names)}" if len(names) == 1 else f"the columns are {quote(names, 30)}"
+    return (
+        f"the only column left is {quote(names)}"
+        if len(names) == 1
+        else f"the columns are {quote(names, 30)}"
+    )
 
 
 _COMMAND = re.compile(

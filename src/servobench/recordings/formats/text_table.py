@@ -414,7 +414,9 @@ def _are_names(cells: Sequence[str], layout: Layout) -> bool:
 
 def _are_units(cells: Sequence[str], layout: Layout) -> bool:
     inside = [_bare(cell) for cell in cells if cell]
-    return 0 < len(cells) <= layout.columns and all(is_unit(text) or text in {"", "-", "#"} for text in inside)
+    return 0 < len(cells) <= layout.columns and all(
+        is_unit(text) or text in {"", "-", "#"} for text in inside
+    )
 
 
 def _bare(cell: str) -> str:

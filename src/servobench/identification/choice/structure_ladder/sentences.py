@@ -50,7 +50,11 @@ def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
             f"would make the other intervals too narrow. {_benefit_text(rung, plain, fit)}"
         )
         return info("term-possible", sentence, parameters=tuple(new))
-    says = _MEASURED if rung.term == "winding" and any(is_unknown(each.data) for each in fit.records) else _SAYS[rung.term]
+    says = (
+        _MEASURED
+        if rung.term == "winding" and any(is_unknown(each.data) for each in fit.records)
+        else _SAYS[rung.term]
+    )
     sentence = f"{says}: {sizes}. {_benefit_text(rung, plain, fit)}"
     return info(_CODES[rung.term], sentence, parameters=tuple(new))
 
