@@ -52,6 +52,14 @@ def test_of_many_findings_of_one_kind_three_are_shown_and_the_others_counted() -
     ]
 
 
+def test_a_single_finding_that_is_left_out_is_one() -> None:
+    console = Console(width=60, markup=False, highlight=False)
+    with console.capture() as capture:
+        show_findings(console, [info("a", "One."), info("b", "Two.")], most=1)
+
+    assert capture.get().splitlines()[-1].strip() == "and 1 less important one (--all-findings)"
+
+
 @pytest.mark.parametrize(
     ("sentence", "rows", "line"),
     [

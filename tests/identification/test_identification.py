@@ -275,6 +275,17 @@ def test_a_model_of_one_way_tried_on_reversals_says_that() -> None:
     assert result.validation.fit_percent < 50
 
 
+def test_friction_that_turns_with_the_shaft_may_be_tried_on_reversals() -> None:
+    """A motor that rested while it turned one way shows friction that brakes whichever way it turns."""
+    from tests.identification.test_one_level import stepped
+
+    result = identify(stepped(0.0, 2.0, 0.0, 1.0), validate_on=[dataset(seed=2, kind="prbs", hold=20)])
+
+    assert result.validation is not None
+    assert result.validation.fit_percent > 50
+    assert "validation-reverses" not in codes(result)
+
+
 def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() -> None:
     data = dataset(seed=1)
     result = identify(replace(data, u=data.u / 1000))

@@ -9,6 +9,7 @@ import pytest
 
 from servobench.core.finding import Verdict
 from servobench.identification.identify import identify
+from servobench.identification.uncertainty.identifiability import State
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.report.mathml import transfer_function_math
 from tests.datasets import QUANTUM, dataset
@@ -88,6 +89,29 @@ def test_a_number_that_is_not_known_is_not_printed() -> None:
     assert f"{result.fit['gain'].value:.3g}"[:3] not in result.equation
     assert "<mi>K</mi>" in transfer_function_math(result.fit)
     assert f"{result.fit['gain'].value:.4g}" not in transfer_function_math(result.fit)
+
+
+def test_a_time_constant_that_is_not_known_is_a_letter_in_the_equation() -> None:
+    result = identify(stepped(2.0, 1.0))
+    bounded = replace(result.answers["time_constant"], state=State.BOUNDED)
+    unknown = replace(result, answers={**result.answers, "time_constant": bounded})
+
+    assert "(τ s + 1), τ isn't known" in unknown.equation
+    assert "τ" not in result.equation
+
+
+def test_a_delay_that_may_be_none_is_not_in_the_equation() -> None:
+    result = identify(stepped(2.0, 1.0))
+    assert result.fit is not None
+    fit = result.fit
+    at = fit.model.names.index("delay")
+    theta, covariance = fit.model.theta.copy(), fit.covariance.copy()
+    theta[at], covariance[at, at] = 1e-5, 1e-8
+    tiny = replace(fit, model=replace(fit.model, theta=theta), covariance=covariance)
+
+    assert "e^" not in replace(result, fit=tiny).equation
+    covariance[at, at] = 1e-14
+    assert "e^" in replace(result, fit=replace(tiny, covariance=covariance)).equation
 
 
 def test_a_gain_that_is_known_stands_in_the_equation() -> None:

@@ -10,6 +10,7 @@ import pytest
 from servobench.core.finding import Verdict
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.disturbance import Disturbance
+from servobench.identification.estimators.misfit_covariance import _finding as weighed_twice
 from servobench.identification.estimators.misfit_covariance import allow_for_misfit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
@@ -59,6 +60,16 @@ def test_the_intervals_cover_behind_a_play_where_output_error_alone_covers_none(
             twice[name] += covers(result.fit, name, truth)
     assert alone <= runs / 4
     assert min(twice.values()) >= runs - misses, twice
+
+
+def test_a_difference_that_no_digit_shows_isnt_called_one() -> None:
+    """Whitened or not, the motor's own exact position says the same: the sentence names no second pair of values."""
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [dataset(seed=1, kind="prbs")])
+    same, other = (weighed_twice(fit, scale * fit.model.theta) for scale in (1.0, 1.1))
+
+    assert "the same to four digits" in same.sentence
+    assert "instead of" not in same.sentence
+    assert "instead of" in other.sentence
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])

@@ -62,8 +62,8 @@ def identify(
     function with intervals, a verdict, and the findings behind it. Missing information is asked for, never guessed.
 
     COL is a column's name, a variable's name in a .mat file, or a column's number, counted from 1; FILE#COL for a column of
-    another file. UNIT decides whether the output is a position (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm,
-    rev/s, counts/s, m/s).
+    another file, 'COL*SIGN' for one whose sign stands in another column. UNIT decides whether the output is a position
+    (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm, rev/s, counts/s, m/s).
     """
     from servobench.cli.conclusion import check_names, conclude, deliver, status_of
     from servobench.cli.each import identify_each

@@ -67,7 +67,7 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
 
 
 def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
-    """Warnings first, then refusals; of all other findings only the number, unless all are asked for."""
+    """Causes first, then refusals and, where only the data want something, warnings; of the others the number, or all."""
     from servobench.identification.trust.explanations.base import is_cause
 
     if result.fit is not None and _determines_nothing(result):
@@ -82,12 +82,16 @@ def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
     ]
     show_findings(console, causes)
     show_findings(console, refusals)
+    if _determines_nothing(result):
+        refusals += [
+            each for each in result.findings if each.severity is Severity.WARNING and each not in causes
+        ]
     rest = [finding for finding in result.findings if finding not in causes and finding not in refusals]
     if all_findings:
         show_findings(console, rest)
     elif rest:
         # The tests of a model that can't be are no news.
-        console.print(f"    and {len(rest)} less important ones (--all-findings)", style="dim")
+        _show_rest(console, len(rest))
 
 
 def _determines_nothing(result: Result) -> bool:
@@ -117,7 +121,13 @@ def show_findings(
         if len(sentences) > alike:
             console.print(f"    and {len(sentences) - alike} more of this kind", style="dim")
     if len(shown) < len(groups):
-        console.print(f"    and {len(groups) - len(shown)} less important ones (--all-findings)", style="dim")
+        _show_rest(console, len(groups) - len(shown))
+
+
+def _show_rest(console: Console, number: int) -> None:
+    console.print(
+        f"    and {number} less important {'ones' if number > 1 else 'one'} (--all-findings)", style="dim"
+    )
 
 
 def _weightiest(groups: Sequence[tuple[Finding, ...]], most: int) -> Sequence[tuple[Finding, ...]]:

@@ -165,10 +165,13 @@ def share_explained(value: float) -> str:
     return f"only {value:.0f} %" if round(value) > 0 else "nothing"
 
 
+SAME = "either way"  # of two values that their digits don't tell apart
+
+
 def instead_of(first: float, second: float, digits: int = 4, unit: str = "") -> str:
     """Return `22.21 rad/s instead of 21.9 rad/s`, or `22.21 rad/s either way` where so many digits don't tell them apart."""
     texts = [f"{plain(value, digits)} {unit}".rstrip() for value in (first, second)]
-    return f"{texts[0]} either way" if texts[0] == texts[1] else " instead of ".join(texts)
+    return f"{texts[0]} {SAME}" if texts[0] == texts[1] else " instead of ".join(texts)
 
 
 def power_of_ten(exponent: int) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from servobench._version import __version__
 from servobench.core.arguments import check_mapping, check_type
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.core.finding import Finding, Verdict, refusal, verdict
+from servobench.core.finding import Finding, Severity, Verdict, refusal, verdict
 from servobench.core.parameter_names import plain_words
 from servobench.identification.choice.noise_choice import (
     allow_for_disturbance,
@@ -60,6 +60,7 @@ from servobench.identification.uncertainty.friction_near_rest import with_fricti
 from servobench.identification.uncertainty.identifiability import (
     Combination,
     ParameterStatus,
+    State,
     combinations,
     parameter_statuses,
 )
@@ -224,7 +225,8 @@ def _identify(
     if is_unexplained(findings):
         told = {finding.code for finding in findings}
         causes = judged.causes.explain(judged.fit.fit_percent if judged.fit else np.nan)
-        findings += [cause for cause in causes if cause.code not in told and not _in_model(cause, judged.fit)]
+        new = [cause for cause in causes if cause.code not in told and not _in_model(cause, judged.fit)]
+        findings = [*new, *findings]  # what is wrong says more than that something is
     return Result(
         data=records,
         fit=judged.fit,
@@ -270,9 +272,8 @@ def _judge(
     fit = widen_for_single_level(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
-        *choice.findings,
-        *fit.findings,
-        *about_answers(*told),
+        *_about_known([*choice.findings, *fit.findings], told[0]),
+        *about_answers(*told, fit),
         *about_fit(fit, nominal_motor(nominal)),
         *about_winding(fit),
         *about_current_input(fit),
@@ -292,9 +293,20 @@ def _judge(
         combinations=told[1],
         findings=(*findings, *motor.findings),
         validation=validation,
-        nominal=_compare(fit, nominal),
+        nominal=_compare(fit, nominal, told[0]),
         motor=motor,
     )
+
+
+def _about_known(findings: Sequence[Finding], answers: Mapping[str, ParameterStatus]) -> list[Finding]:
+    """The findings without those on an end of its range of a parameter that isn't known by itself."""
+    return [
+        each
+        for each in findings
+        if each.code != "parameter-at-bound"
+        or each.severity is not Severity.INFO
+        or any(answers[name].state is State.KNOWN for name in each.parameters if name in answers)
+    ]
 
 
 def _with_allowances(
@@ -336,8 +348,10 @@ def _check_together(records: Sequence[Dataset]) -> None:
             )
 
 
-def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Comparison, ...]:
-    """The estimates beside the nominal values, for data in volts and radians."""
+def _compare(
+    fit: Fit, nominal: str | MotorParameters | None, answers: Mapping[str, ParameterStatus]
+) -> tuple[Comparison, ...]:
+    """The estimates that are known beside the nominal values, for data in volts and radians."""
     motor = nominal_motor(nominal)
     if motor is None:
         return ()
@@ -361,7 +375,7 @@ def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Compariso
             unit=estimates[name].unit,
         )
         for name, value in nominal_values(motor).items()
-        if name in estimates and np.isfinite(estimates[name].sd)
+        if name in estimates and answers[name].state is State.KNOWN
     )
 
 

@@ -175,7 +175,10 @@ class Result:
 
     @property
     def equation(self) -> str:
-        """The transfer function as a line, to as many digits as are known, K for a gain that isn't; empty without a fit."""
+        """The transfer function as a line, to as many digits as are known, K for a gain that isn't; empty without a fit.
+
+        A delay that may be zero isn't in it, unless it is part of a lag that is known only as a whole.
+        """
         if self.fit is None:
             return ""
         model, estimates = self.fit.model, self.fit.estimates
@@ -186,16 +189,32 @@ class Result:
             model = replace(model, theta=np.array(theta))
         system = model.transfer_function("speed")
         delay = estimates.get("delay")
-        if system.delay < 0 and delay is not None and delay.interval[1] >= 0:
-            system = replace(system, delay=0.0)  # below zero by chance
+        lag = "delay" in self.answers and self.answers["delay"].state is State.COMBINATION
+        if (
+            delay is not None
+            and delay.interval[0] <= 0 <= delay.interval[1]
+            and not (lag and system.delay > 0)
+        ):
+            system = replace(system, delay=0.0)
         gain = estimates.get("gain")
         answer = self.answers.get("gain")
         untold = answer is not None and answer.state in (State.COMBINATION, State.UNKNOWN)
         known = gain is None or (all(map(math.isfinite, gain.interval)) and not untold)
-        if known or len(system.numerator) > 1:
+        lags = self._lag_in_words(system)
+        if (known and not lags) or len(system.numerator) > 1:
             return f"G(s) = {system}, in {system.unit}"
-        _, _, rest = str(system).partition(" / ")
-        return f"G(s) = K / {rest}, K isn't known, in {system.unit}"
+        above, _, rest = str(system).partition(" / ")
+        unknown = [*([] if known else ["K"]), *(["τ"] if lags else [])]
+        verb = "isn't" if len(unknown) == 1 else "aren't"
+        text = f"{above if known else 'K'} / {lags or rest}, {' and '.join(unknown)} {verb} known"
+        return f"G(s) = {text}, in {system.unit}"
+
+    def _lag_in_words(self, system: TransferFunction) -> str:
+        """What stands below a gain whose time constant isn't known by itself; empty where it is, or isn't alone."""
+        lag = self.answers.get("time_constant")
+        if lag is None or lag.state is State.KNOWN or len(system.denominator) != 2:
+            return ""
+        return "(τ s + 1)"
 
     @cached_property
     def derived(self) -> dict[str, Derived]:
@@ -212,8 +231,8 @@ class Result:
 
     @property
     def good_for(self) -> str:
-        """One sentence that says what the figures can be used for; empty where they are refused or good for nothing."""
-        if self.verdict is Verdict.REFUSED or not self.data:
+        """One sentence that says what the figures can be used for; empty where they aren't trusted or good for nothing."""
+        if self.verdict is not Verdict.TRUSTED or not self.data:
             return ""
         predicts = self.validation.fit_percent if self.validation else math.nan
         return good_for(

@@ -111,7 +111,7 @@ def _from_search(converged: bool) -> list[Finding]:
 
 
 def _statuses(fit: Fit) -> list[Finding]:
-    return about_answers(parameter_statuses(fit), combinations(fit))
+    return about_answers(parameter_statuses(fit), combinations(fit), fit)
 
 
 def _validated(other: Dataset) -> list[Finding]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import signal
 
 from servobench import PRBS, Experiment, measure, run
 from servobench.core.errors import UsageError
@@ -15,6 +16,7 @@ from servobench.identification.identify import identify
 from servobench.identification.result import Result
 from servobench.rig.devices.twin import Twin, TwinSettings
 from tests.datasets import dataset
+from tests.recordings.measurement.test_measure import recording
 from tests.rig.motor.odd_motor import OddMotor, odd_record
 
 RUNGS = {"stribeck-found", "gravity-found", "friction-asymmetric", "load-friction-found"}
@@ -199,6 +201,20 @@ def test_a_winding_that_shows_becomes_a_second_pole(inductance: float) -> None:
     # Three standard deviations, and what the data sheet's inertia is rounded to here (1e-5 of it).
     assert abs(slow.value - poles.max()) < 1.53 * half + 1e-5 * abs(slow.value)
     assert "winding-found" in {finding.code for finding in result.findings}
+
+
+def test_a_second_lag_of_a_speed_of_unknown_origin_may_be_a_filters() -> None:
+    """A motor of 50 ms behind a low-pass filter of 40 ms: 14/((0.05 s + 1)(0.04 s + 1)), exactly discretised for held inputs."""
+    t = 0.005 * np.arange(2400)
+    u = np.array([0.0, 5, -5, 8, -3, 6, -8, 2])[(t // 0.75).astype(int) % 8]
+    b, a, _ = signal.cont2discrete(([14.0], np.polymul([0.05, 1], [0.04, 1])), 0.005)
+    speed = signal.lfilter(b.ravel(), a, u) + np.random.default_rng(1).normal(scale=0.2, size=len(t))
+
+    result = identify(measure(recording(speed, "rad/s", t=t, u=u)))
+
+    (found,) = [each for each in result.findings if each.code == "winding-found"]
+    assert "of whatever filtered the speed" in found.sentence
+    assert "inductance" not in found.sentence
 
 
 def test_rounding_that_repeats_is_no_ripple_and_no_gravity() -> None:

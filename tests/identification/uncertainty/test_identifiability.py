@@ -47,7 +47,7 @@ def test_time_constant_and_delay_that_stand_for_each_other_are_known_as_their_su
     told = parameter_statuses(fit)
     assert told["time_constant"].state is told["delay"].state is State.COMBINATION
     assert told["gain"].state is State.KNOWN
-    sentences = [finding.sentence for finding in about_answers(told, (lag,))]
+    sentences = [finding.sentence for finding in about_answers(told, (lag,), fit)]
     assert len(sentences) == 1
     assert "only together" in sentences[0]
 
@@ -67,7 +67,7 @@ def test_what_nothing_tells_has_a_remedy() -> None:
     told = parameter_statuses(fit)
 
     assert told["time_constant"].state is State.UNKNOWN
-    (finding,) = about_answers(told, combinations(fit))
+    (finding,) = about_answers(told, combinations(fit), fit)
     assert finding.code == "parameter-unknown"
     assert "steps" in finding.sentence
 
@@ -81,7 +81,7 @@ def test_an_upper_end_that_says_something_is_a_bound() -> None:
 
 def test_a_result_of_which_nothing_is_known_is_refused() -> None:
     fit = with_spread(with_spread(fitted(), gain=40.0), time_constant=30.0)
-    (finding,) = about_answers(parameter_statuses(fit), combinations(fit))
+    (finding,) = about_answers(parameter_statuses(fit), combinations(fit), fit)
 
     assert finding.code == "nothing-known"
     assert finding.severity == "refusal"
@@ -91,14 +91,27 @@ def test_where_the_gain_may_be_zero_nothing_else_is_known() -> None:
     """A time constant is that of the answer to the input: without an answer its interval is chance, however short."""
     fit = with_spread(fitted(), gain=2.0)
     told = parameter_statuses(fit)
-    (finding,) = about_answers(told, combinations(fit))
+    (finding,) = about_answers(told, combinations(fit), fit)
 
     assert {each.state for each in parameter_statuses(with_spread(fitted(), gain=0.4)).values()} > {
         State.KNOWN
     }
     assert {each.state for each in told.values()} == {State.UNKNOWN}
     assert finding.code == "nothing-known"
-    assert "these two columns" in finding.sentence
+    assert "allows any gain from" in finding.sentence
+
+
+def test_an_output_that_the_model_explains_isnt_called_unrelated_to_the_input(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A gain that may be zero beside a fit of nearly 100 % has a wide interval, and beside one of 10 % no influence."""
+    fit = with_spread(fitted(), gain=2.0)
+    (follows,) = about_answers(parameter_statuses(fit), combinations(fit), fit)
+    monkeypatch.setattr(Fit, "fit_percent", 10.0)
+    (none,) = about_answers(parameter_statuses(fit), combinations(fit), fit)
+
+    assert "these two columns" not in follows.sentence
+    assert "these two columns" in none.sentence
 
 
 def test_one_level_tells_its_speed_and_the_time_constant() -> None:

@@ -457,6 +457,25 @@ def test_a_table_of_another_kind_of_motor_without_header_is_read(real_data: Real
     assert codes(recording.findings) == ["header-missing"]
 
 
+def test_units_in_brackets_below_the_names_are_no_names(tmp_path: Path) -> None:
+    table = "%n,volts in,position\n%[#],[V],[turns]\n2,0.5,1\n4,0.5,2\n6,1.0,3\n"
+    recording = loaded(tmp_path, table)
+
+    assert list(columns(recording)) == ["n", "volts in", "position"]
+    assert [recording[name].channel.unit for name in ("volts in", "position")] == ["V", "turns"]
+
+
+def test_what_a_program_says_between_its_samples_is_no_doubt(tmp_path: Path) -> None:
+    """A line without a number is no sample that was damaged; one with a number in it may be."""
+    rows = "".join(f"{k / 100},1,{k}\n" for k in range(20))
+    recording = loaded(tmp_path, f"t,u,y\n{rows}>> new setpoint\n0.2,2,20\nDONE\n")
+
+    assert columns(recording)["t"] == pytest.approx([k / 100 for k in range(21)])
+    told = finding(recording.findings, "rows-text")
+    assert told.severity is Severity.INFO
+    assert told.rows == (22, 24)
+
+
 @pytest.mark.parametrize("ragged", ["0,1\n", "0,1\n0.01,2\n", "0,1,2,3\n"])
 def test_a_ragged_row_right_below_the_header_costs_itself_and_not_the_names(
     ragged: str, tmp_path: Path

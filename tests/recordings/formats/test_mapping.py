@@ -174,11 +174,57 @@ def test_a_column_that_must_be_the_time_is_asked_for_by_name() -> None:
     rows = made("column_1", "column_2", t=None)
     rows["column_1"].values[:] = np.arange(100)
 
-    assert "`timestamp` may be the time, called so: say `time=timestamp:s`" in missing(named)[-1]
+    assert "`timestamp` may be the time by its name: say `time=timestamp:s`" in missing(named)[-1]
     assert (
-        "`column_1` may be the time, growing from row to row: say `time=column_1:s`" in missing(unnamed)[-1]
+        "`column_1` may be the time as it grows from row to row: say `time=column_1:s`"
+        in missing(unnamed)[-1]
     )
     assert "one of `column_1`, `column_2`" in missing(rows)[-1]  # it only counts them
+
+
+def test_only_columns_without_a_role_are_offered_for_one() -> None:
+    """The time and what is surely the output can't drive the motor."""
+    asked = missing(made("time", "position", "a", "b", position="rad"))
+
+    assert "the columns are `a`, `b`" in asked[0]
+    assert "no column is left for it" in missing(made("time", "setpoint", "position", position="rad"))[0]
+
+
+def test_counts_per_turn_say_that_an_output_without_a_unit_is_in_counts() -> None:
+    assigned = assign(made("u", "encoder", u="V"), counts_per_rev=4096)
+
+    assert assigned["encoder"].channel.unit == "counts"
+    assert "`encoder` is read in counts" in finding(assigned.findings, "unit-by-convention").sentence
+
+
+def in_two_columns(states: tuple[float, float]) -> Recording:
+    """A duty without a sign, beside a column with one of two states, and a shaft that follows both."""
+    back = (T // 0.5).astype(int) % 2 == 1
+    duty = np.full(100, 40.0)
+    angle = np.cumsum(np.where(back, -1.0, 1.0))
+    recording = made("pwm", "dir", "angle", angle="deg")
+    for name, values in {"pwm": duty, "dir": np.where(back, *states), "angle": angle}.items():
+        recording[name].values[:] = values
+    return recording
+
+
+@pytest.mark.parametrize("states", [(-1.0, 1.0), (0.0, 1.0)])
+def test_an_input_whose_sign_stands_in_another_column_is_asked_for_it(states: tuple[float, float]) -> None:
+    recording = in_two_columns(states)
+    (asked,) = missing(recording, input="pwm:%")
+    assigned = assign(recording, input="pwm*dir:%")
+
+    assert "pwm*dir:UNIT" in asked
+    assert assigned.input == "pwm*dir"
+    assert set(assigned["pwm*dir"].values) == {40.0, -40.0}
+    assert "column-signed" in codes(assigned.findings)
+    recording["angle"].values[:] = T  # a shaft that turns one way shows no sign
+    assert assign(recording, input="pwm:%").input == "pwm"
+
+
+def test_a_sign_is_a_column_of_two_states() -> None:
+    with pytest.raises(UsageError, match="`b` is no sign of `u`"):
+        assign(made("u", "y", "b", y="rad"), input="u*b:V")
 
 
 def test_a_goal_is_told_from_what_drives_the_motor() -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import instead_of
+from servobench.core.rounding import SAME, instead_of
 from servobench.identification.estimators.base import Fit, IntervalsOnDemand
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.covariance import conservative, sandwich_over
@@ -146,11 +146,19 @@ def _minimum(fit: Fit) -> Minimum:
 def _finding(fit: Fit, theta: Array) -> Finding:
     value = dict(zip(fit.model.names, theta, strict=True))
     first = fit.model.names[0]
+    texts = [
+        instead_of(value[name], fit.model[name], unit=unit)
+        for name, unit in ((first, ""), ("time_constant", "s"))
+    ]
+    gain = parameter_in_words(first, fit.model.units[0])
+    shift = (
+        f"If a random torque caused it, the {gain} and the time constant would be the same to four digits."
+        if all(text.endswith(SAME) for text in texts)
+        else f"Fitted as if a random torque caused it, the same data give a {gain} of {texts[0]} and a time constant of "
+        f"{texts[1]}; the intervals allow for the difference."
+    )
     return info(
         "weighed-twice",
-        "The residual doesn't look like noise: part of it is something the model leaves out. Fitted as if a random torque caused "
-        "it, the same data give a "
-        f"{parameter_in_words(first, fit.model.units[0])} of {instead_of(value[first], fit.model[first])} and a time constant of "
-        f"{instead_of(value['time_constant'], fit.model['time_constant'], unit='s')}; the intervals allow for the difference.",
+        f"The residual doesn't look like noise: part of it is something the model leaves out. {shift}",
         parameters=("gain", "time_constant"),
     )

@@ -241,20 +241,23 @@ def with_innovations(
     ), each
 
 
+def _wander(found: Profile) -> str:
+    """By how much the speed wanders, with its interval where two digits show one."""
+    value, low, high = (number(each, 2) for each in (found.disturbance.wander, *found.wander))
+    return value if low == high else f"{value} ({low} to {high})"
+
+
 def _finding(found: Profile, data: Dataset) -> Finding:
     unit = f"{data.position_unit}/s"
-    low, high = found.wander
     if found.likelihood_ratio <= THRESHOLD:
         return info(
             "disturbance-not-found",
             "The data show no random torque: including one improves the fit no more than chance would, so output_error is "
-            f"enough. (Likelihood ratio {number(max(found.likelihood_ratio, 0.0), 3)}, limit {THRESHOLD}.)",
+            "enough.",
         )
     return info(
         "disturbance-found",
-        f"A random torque acts on the motor: its speed wanders by {number(found.disturbance.wander, 2)} {unit} "
-        f"({number(low, 2)} to {number(high, 2)}) around the model's, more than chance explains. The intervals allow for it "
-        "(estimator prediction_error). "
-        f"(Likelihood ratio {number(found.likelihood_ratio, 3)}, limit {THRESHOLD}.)",
+        f"A random torque acts on the motor: its speed wanders by {_wander(found)} {unit} around the model's, more than chance "
+        "explains. The intervals allow for it (estimator prediction_error).",
         parameters=("gain", "time_constant"),
     )

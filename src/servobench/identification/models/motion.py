@@ -83,5 +83,5 @@ def check_moves(data: Dataset, parameters: int) -> None:
     if np.ptp(data.y) == 0:
         raise NotIdentifiable(
             f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the shaft was blocked, "
-            "the encoder isn't connected, or it's the wrong column; record the motor while it turns"
+            "the encoder isn't connected, or it's the wrong column; leave it out, or record the motor while it turns"
         )

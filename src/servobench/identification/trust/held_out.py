@@ -18,6 +18,7 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import count_text, share_explained
 from servobench.identification.estimators.base import Estimator, Fit, FittedRecord, fit_percent
 from servobench.identification.estimators.output_error import simulate_record, with_start_fitted
+from servobench.identification.models.common_parameters import ONE_WAY
 from servobench.identification.models.motion import turns_both_ways
 from servobench.identification.result import RecordFit, Validation
 from servobench.recordings.measurement.dataset import Dataset
@@ -115,7 +116,7 @@ def about_validation(
             )
         ]
     reversing = [record.name for record in others if turns_both_ways([*_training_data(fit), record])]
-    if "one_way" in fit.structure and reversing and validation.fit_percent < 100 - _WORST:
+    if ONE_WAY in fit.model.structure.parameters and reversing and validation.fit_percent < 100 - _WORST:
         return [_reverses(reversing[0], validation.fit_percent)]
     worst = max(validation.records, key=lambda record: record.beyond)
     stands_out = worst.beyond > _BEYOND and 100 - worst.fit_percent > _WORST and len(validation.records) > 1

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from servobench.core.finding import Finding, info, refusal
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval
+from servobench.identification.estimators.base import Fit
+from servobench.identification.uncertainty.composition import composition
 from servobench.identification.uncertainty.identifiability import (
     Combination,
     ParameterStatus,
@@ -14,17 +16,21 @@ from servobench.identification.uncertainty.identifiability import (
     may_be_zero,
 )
 
+_FOLLOWS = 50.0  # percent of the output: what explains so much shows that the input acts
 _ASKED_FOR = ("gain", "loop_gain", "time_constant")
 
 
 def about_answers(
-    answers: Mapping[str, ParameterStatus], combinations: Sequence[Combination]
+    answers: Mapping[str, ParameterStatus], combinations: Sequence[Combination], fit: Fit
 ) -> list[Finding]:
-    """Return a finding for each of gain and time constant that isn't known by itself, or a refusal where nothing is known."""
+    """Return a finding for each of gain and time constant that isn't known by itself, or a refusal where nothing is known.
+
+    `fit` is what the answers are of.
+    """
     asked = [answers[name] for name in _ASKED_FOR if name in answers]
     lacking = [each for each in asked if each.state is not State.KNOWN]
     if asked and not combinations and all(each.state is State.UNKNOWN for each in asked):
-        return [_nothing(asked)]
+        return [_nothing(asked, fit)]
     told = [
         _together(each, answers) for each in combinations if any(p.name in each.parameters for p in lacking)
     ]
@@ -50,12 +56,27 @@ def _alone(answer: ParameterStatus) -> Finding:
     return info("parameter-unknown", f"{sentence}; {answer.remedy} would.", parameters=(answer.name,))
 
 
-def _nothing(asked: Sequence[ParameterStatus]) -> Finding:
+def _nothing(asked: Sequence[ParameterStatus], fit: Fit) -> Finding:
     names = " nor the ".join(parameter_in_words(answer.name, answer.estimate.unit) for answer in asked)
-    advice = (
-        "the output shows nothing of the input. Check that these two columns belong to one motor, and record a larger input"
-        if may_be_zero(asked[0])
-        else f"record {asked[0].remedy}"
-    )
+    if not may_be_zero(asked[0]):
+        advice = f"record {asked[0].remedy}"
+    elif fit.fit_percent > _FOLLOWS:
+        advice = _any_gain(asked[0], fit)
+    else:
+        advice = (
+            "the output shows nothing of the input. Check that these two columns belong to one motor, or record a larger "
+            "input"
+        )
     sentence = f"The data determine neither the {names} nor any combination of them: {advice}."
     return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in asked))
+
+
+def _any_gain(gain: ParameterStatus, fit: Fit) -> str:
+    """What keeps a gain open although the output follows the input."""
+    told = rounded_interval(gain.estimate.value, gain.estimate.interval, gain.estimate.unit)
+    widest = max(composition(fit), key=lambda line: line.half_widths.get(gain.name, 0.0))
+    return (
+        f"this model explains {fit.fit_percent:.0f} % of the output, but allows any gain from {told.low} to {told.high} "
+        f"{told.unit} (the largest part of that: {widest.source}). Record steps between several levels in open loop, each until "
+        "the speed settles"
+    )

@@ -12,7 +12,7 @@ from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import is_unit, unit
-from servobench.recordings.formats.columns import Heading, heading, quote, time_unit
+from servobench.recordings.formats.columns import TIME_NAMES, Heading, heading, quote, time_unit
 from servobench.recordings.formats.roles import (
     REFERENCE_NAMES,
     VOLTS_BY_CONVENTION,
@@ -55,9 +55,12 @@ class Choice:
     findings: tuple[Finding, ...] = ()
 
 
-def choose(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Sequence[str]) -> Choice | str:
+def choose(
+    recording: Recording, role: Role, spec: ColumnSpec | None, taken: Sequence[str], in_counts: bool = False
+) -> Choice | str:
     """Return the series for a role; or the sentence that asks for it, or for its unit. `taken` are names that it can't be.
 
+    Where nothing says the unit, it is counts if it is `in_counts`.
     Raises `UsageError` for a column that holds the times.
     """
     known = getattr(recording, role, None)
@@ -71,7 +74,7 @@ def choose(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
     else:
         candidates = recognise(recording, role, without=taken)
         if len(candidates) != 1:
-            return _which(recording, role, [each.name for each in candidates])
+            return _which(recording, role, [each.name for each in candidates], taken)
         series, findings, symbol = recording[candidates[0].name], [candidates[0].finding], candidates[0].unit
     name, said = series.channel.name, series.channel.unit
     symbol = symbol or said
@@ -83,6 +86,12 @@ def choose(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
     if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
         symbol = "V"
         sentence = f"`{name}` is read in V by convention; otherwise say `input={shell_text(f'{name}:UNIT')}`."
+        findings.append(info("unit-by-convention", sentence))
+    if symbol is None and in_counts:
+        symbol = "counts"
+        sentence = (
+            f"`{name}` is read in counts, as the counts per turn are given; otherwise say `{role}=COL:UNIT`."
+        )
         findings.append(info("unit-by-convention", sentence))
     if symbol is None:
         examples = " or ".join(shell_text(f"{name}:{unit}") for unit in _EXAMPLES[role])
@@ -157,10 +166,10 @@ def _holds_the_times(series: Series) -> bool:
     return bool(np.allclose(series.values * unit(symbol).factor, series.t, rtol=1e-12, equal_nan=True))
 
 
-def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
+def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: Sequence[str]) -> str:
     """The sentence that asks which column has a role, of those with such a name or else those that measure the right thing."""
     wanted = {"voltage", "duty"} if role == "input" else {"position", "speed"}
-    names = [each.channel.name for each in recording.series]
+    names = _left(recording, role, taken)
     possible = [name for name in names if not may_be_supply(name)]
     candidates = candidates or [
         each for each in possible if quantity_of(recording[each].channel.unit) in wanted
@@ -180,14 +189,11 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
             return sentence
         told = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
         return f"{sentence}. Of several motors, name one: `{role}={shell_text(told)}`"
-    columns = (
-        f"the only column is {quote(names)}"
-        if len(names) == 1
-        else f"the columns are {long_columns(recording)}"
-    )
-    sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {columns}"
+    sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {_list_of(names)}"
     if role == "input":
-        followed = [name for name in names if plain_name(name) in REFERENCE_NAMES]
+        followed = [
+            each.channel.name for each in recording.series if plain_name(each.channel.name) in REFERENCE_NAMES
+        ]
         if followed:
             sentence += f". {quote(followed[:1])} is called after what a loop has to follow, which doesn't drive the motor"
         sentence += (
@@ -195,6 +201,32 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
             "`input_value=50:%`"
         )
     return sentence
+
+
+def _left(recording: Recording, role: Role, taken: Sequence[str]) -> list[str]:
+    """The columns that may have a role still: as long as the longest, not the times, and not surely something else."""
+    other: Role = "output" if role == "input" else "input"
+    used = {*taken, *(each.name for each in recognise(recording, other, without=taken))}
+    most = max((len(each.values) for each in recording.series), default=0)
+    return [
+        each.channel.name
+        for each in recording.series
+        if len(each.values) == most
+        and each.channel.name not in used
+        and not _holds_the_times(each)
+        and not (each.t is not None and plain_name(each.channel.name) in TIME_NAMES)
+        and not (role == "input" and plain_name(each.channel.name) in REFERENCE_NAMES)
+    ]
+
+
+def _list_of(names: Sequence[str]) -> str:
+    if not names:
+        return "no column is left for it"
+    return (
+        f"the only column left is {quote(names)}"
+        if len(names) == 1
+        else f"the columns are {quote(names, 30)}"
+    )
 
 
 _COMMAND = re.compile(

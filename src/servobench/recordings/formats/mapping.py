@@ -17,8 +17,9 @@ from servobench.core.errors import MissingInformation, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
 from servobench.recordings.formats.choice import Choice, choose, spec_of
+from servobench.recordings.formats.direction import lost_sign
 from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
-from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role
+from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role, shell_text
 from servobench.recordings.formats.supply import constant, motor_voltage
 from servobench.recordings.formats.timing import assign_times, seconds
 from servobench.recordings.formats.unreadable import demote_unused
@@ -71,7 +72,9 @@ def assign(
     asked |= {"reference": reference} if reference is not None else {}
     asked |= {"supply": supply} if supply is not None and volts is None else {}
     asked |= {"current": current} if current is not None else {}
-    roles, before = _choose_and_time(recording, asked, spec_of(time, recording), sample_time)
+    roles, before = _choose_and_time(
+        recording, asked, spec_of(time, recording), sample_time, counts_per_rev is not None
+    )
     taken, about_samples = usable(recording.name, {role: roles.series[role] for role in ("input", "output")})
     result = replace(
         recording,
@@ -129,18 +132,29 @@ def _choose_and_time(
     asked: dict[Role, str | ColumnSpec | None],
     time: ColumnSpec | None,
     sample_time: float | str | None,
+    in_counts: bool,
 ) -> tuple[_Roles, list[Finding]]:
-    """The series of the roles, and the findings of the recording that still hold; raises `MissingInformation`."""
+    """The series of the roles, and the findings of the recording that still hold; raises `MissingInformation`.
+
+    An output without a unit is `in_counts` where the counts per turn are given.
+    """
     missing: list[str] = []
     parts: dict[Role, Choice] = {}
     for role, given in asked.items():
         taken = [each.series.channel.name for each in parts.values()]
-        part = choose(recording, role, spec_of(given, recording), taken)
+        part = choose(recording, role, spec_of(given, recording), taken, in_counts and role == "output")
         if isinstance(part, str):
             missing.append(part)
         else:
             parts[role] = part
     series = {role: part.series for role, part in parts.items()}
+    if {"input", "output"} <= series.keys():
+        name, sign = series["input"].channel.name, lost_sign(recording, series["input"], series["output"])
+        if sign:
+            missing.append(
+                f"the sign of the input `{name}`: it is never negative, but the shaft turns both ways, as `{sign}` says; say "
+                f"`input={shell_text(f'{name}*{sign}:UNIT')}`"
+            )
     placed = assign_times(recording, series, time, sample_time)
     if isinstance(placed, str):
         missing.append(placed)

@@ -15,6 +15,7 @@ from servobench.core.finding import Finding, info
 from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.base import load
 from servobench.recordings.formats.columns import REMARK, bare_name, heading
+from servobench.recordings.formats.direction import signed
 from servobench.recordings.recording import Recording, Series
 
 Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
@@ -50,7 +51,7 @@ OUTPUT_NAMES = frozenset({
 """The names by which a motor's measured output is recognised, in lower case and without a unit."""
 
 OUTPUT_NAMES_WITH_UNIT = frozenset({
-    "w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v", "actual", "feedback", "measured", "measurement", "response",
+    "n", "w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v", "actual", "feedback", "measured", "measurement", "response",
 })  # fmt: skip
 """Ambiguous names: recognised as the output only with the unit of a position or a speed, if there is no other output."""
 
@@ -93,7 +94,8 @@ _PULSE_WIDTH = re.compile(r"PWM\s*/\s*([0-9]+(?:\.[0-9]*)?)", re.IGNORECASE)
 class ColumnSpec:
     """A column as a user names it, `COL[:UNIT]`: a header's name, a variable's, or a column's number counted from 1.
 
-    `FILE#COL` is a column of another file. The unit `PWM/885` is that of a duty in raw counts, with 885 for 100 %.
+    `FILE#COL` is a column of another file, `COL*SIGN` one whose sign stands in another column. The unit `PWM/885` is that of
+    a duty in raw counts, with 885 for 100 %.
     """
 
     column: str
@@ -229,9 +231,24 @@ def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tu
     file, sharp, column = spec.column.rpartition("#")
     if sharp and file:
         return _in_other_file(recording, file, replace(spec, column=column), role)
+    size, star, direction = spec.column.rpartition("*")
+    if star and size and direction:
+        return _with_sign(recording, size, direction, role)
     _check_is_no_unknown_unit(spec, names)
     what = f"column for the {role}" if role else "column"
     raise UnknownName(f"{what} of {recording.source.name or recording.name}", spec.column, names)
+
+
+def _with_sign(
+    recording: Recording, size: str, direction: str, role: Role | None
+) -> tuple[Series, list[Finding]]:
+    """A series whose sign stands in another column."""
+    (large, about_size), (which, about_which) = (
+        find_series(recording, ColumnSpec(column=text), part)
+        for text, part in ((size, role), (direction, None))
+    )
+    series, told = signed(large, which)
+    return series, [*about_size, *about_which, told]
 
 
 def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:

@@ -414,7 +414,9 @@ def _are_names(cells: Sequence[str], layout: Layout) -> bool:
 
 def _are_units(cells: Sequence[str], layout: Layout) -> bool:
     inside = [_bare(cell) for cell in cells if cell]
-    return 0 < len(cells) <= layout.columns and all(is_unit(text) or text in {"", "-"} for text in inside)
+    return 0 < len(cells) <= layout.columns and all(
+        is_unit(text) or text in {"", "-", "#"} for text in inside
+    )
 
 
 def _bare(cell: str) -> str:
@@ -553,7 +555,7 @@ def _parse_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Faul
             faults.remarks.append(k)
             row = numbers_alone
         if row is None:
-            faults.row("row-short" if len(layout.cells(line)) < layout.columns else "row-long", k)
+            faults.row(_ragged(layout.cells(line), layout), k)
         elif not any(map(layout.is_number, row)):
             faults.row("row-without-numbers", k)
         else:
@@ -563,6 +565,13 @@ def _parse_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Faul
                 else:
                     faults.cell(_NO_NUMBER if cell else "cell-empty", k, c, cell)
     return values
+
+
+def _ragged(cells: Sequence[str], layout: Layout) -> str:
+    """What a row is that hasn't a cell for each column; without a number it is what a program says between its samples."""
+    if not any(map(layout.is_number, cells)):
+        return "rows-text"
+    return "row-short" if len(cells) < layout.columns else "row-long"
 
 
 def _without_remark(line: str, layout: Layout) -> list[str] | None:
@@ -580,12 +589,14 @@ def _about_faults(
         "row-short": f"Fewer than {layout.columns} cells, left out:",
         "row-long": f"More than {layout.columns} cells, left out:",
         "row-without-numbers": "Not one number, left out:",
+        "rows-text": "Text between the rows of numbers, which isn't read:",
         "cell-empty": "Empty cells, read as NaN:",
         _NO_NUMBER: f"Text where a number should be, such as {faults.example[:40]!r}, read as NaN:",
     }
     findings = []
     for code, left_out in faults.rows.items():
-        findings.append(_finding(warning, code, sentences[code], rows[left_out]))
+        severity = info if code == "rows-text" else warning
+        findings.append(_finding(severity, code, sentences[code], rows[left_out]))
     for code, by_column in faults.cells.items():
         where = rows[np.unique(np.concatenate([np.array(found) for found in by_column.values()]))]
         columns = ", ".join(str(c + 1) for c in sorted(by_column)[:12])

@@ -80,9 +80,12 @@ def assign_times(
         }
         return evenly, [info("sample-time-in-file", told)]
     sentence = _question(recording)
-    why = [
-        each.sentence for each in recording.findings if each.code in {"time-not-recognised", "time-ambiguous"}
-    ]
+    reasons = (
+        {"time-not-recognised"}
+        if "may be the time" in sentence
+        else {"time-not-recognised", "time-ambiguous"}
+    )
+    why = [each.sentence for each in recording.findings if each.code in reasons]
     return " ".join([f"{sentence}.", *why]) if why else sentence
 
 
@@ -90,12 +93,15 @@ def _question(recording: Recording) -> str:
     """The sentence that asks for the times: for the unit of what must be the time, or may be, or else for a column."""
     named = [each for each in recording.series if plain_name(each.channel.name) in TIME_NAMES]
     unnamed = [each for each in recording.series if each.channel.unit is None]
-    for may_be, why in ((named, "called so"), (unnamed, "growing from row to row")):
+    for may_be, why in (
+        (named, "by its name" if len(named) == 1 else "by their names"),
+        (unnamed, "as it grows from row to row"),
+    ):
         names = [each.channel.name for each in may_be if _runs(each.values)]
         if 0 < len(names) <= _FEW:
             options = " or ".join(f"`time={shell_text(f'{name}:s')}`" for name in names)
             return (
-                f"the times: {quote(names)} may be the time, {why}: say {options}, or :ms, or what the unit is; otherwise, for "
+                f"the times: {quote(names)} may be the time {why}: say {options}, or :ms, or what the unit is; otherwise, for "
                 "example, `sample_time=0.02` (in s)"
             )
     sentence = "the times: say, for example, `sample_time=0.02` (in s), or `time=COL:UNIT`"

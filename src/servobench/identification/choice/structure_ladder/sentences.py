@@ -10,6 +10,7 @@ from servobench.core.rounding import TWO_SIDED, instead_of, round_value
 from servobench.core.rounding import plain as number
 from servobench.identification.choice.structure_ladder.trial import TERMS, Rung, amount
 from servobench.identification.estimators.base import Fit
+from servobench.identification.trust.doubts.chain_unknown import is_unknown
 from servobench.identification.trust.validation import explains_the_colour
 from servobench.identification.uncertainty.score_test import TermScore
 
@@ -31,6 +32,8 @@ _SAYS = {
     "load": "Friction grows with gravity's load on the shaft",
     "winding": "The current lags behind the voltage because of the winding's inductance",
 }
+_MEASURED = "There is a second lag, the winding's or that of whatever filtered the speed"
+"""In place of the winding's inductance where it isn't known how a speed was measured."""
 
 
 def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
@@ -47,7 +50,12 @@ def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
             f"would make the other intervals too narrow. {_benefit_text(rung, plain, fit)}"
         )
         return info("term-possible", sentence, parameters=tuple(new))
-    sentence = f"{_SAYS[rung.term]}: {sizes}. {_benefit_text(rung, plain, fit)}"
+    says = (
+        _MEASURED
+        if rung.term == "winding" and any(is_unknown(each.data) for each in fit.records)
+        else _SAYS[rung.term]
+    )
+    sentence = f"{says}: {sizes}. {_benefit_text(rung, plain, fit)}"
     return info(_CODES[rung.term], sentence, parameters=tuple(new))
 
 

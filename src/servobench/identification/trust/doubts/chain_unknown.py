@@ -20,7 +20,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 def with_unknown_chain(fit: Fit) -> Fit:
     """Return the fit with the delay's variance larger by the half sample that an unknown measurement may lag by."""
-    hidden = max((0.5 * r.data.sample_time for r in fit.records if _is_unknown(r.data)), default=0.0)
+    hidden = max((0.5 * r.data.sample_time for r in fit.records if is_unknown(r.data)), default=0.0)
     if not hidden or "delay" not in fit.model.names:
         return fit
     added = np.zeros_like(fit.covariance)
@@ -32,7 +32,8 @@ def with_unknown_chain(fit: Fit) -> Fit:
     return fit.widen(Contribution(source="measurement unknown", covariance=added, reason=reason))
 
 
-def _is_unknown(data: Dataset) -> bool:
+def is_unknown(data: Dataset) -> bool:
+    """Return whether nobody says how a speed was measured."""
     return data.kind == "speed" and not data.chain and not data.chain_known
 
 
@@ -43,7 +44,7 @@ def _of_each(records: Sequence[Dataset]) -> list[Finding]:
 def _chain_unknown(data: Dataset) -> list[Finding]:
     """Whether a speed comes without word of how it was measured."""
     found = []
-    if _is_unknown(data):
+    if is_unknown(data):
         found.append(
             info(
                 "chain-unknown",

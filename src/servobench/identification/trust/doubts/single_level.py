@@ -29,9 +29,9 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
     return [
         info(
             "single-level",
-            f"The motor moved under one level of the input only, {plain(level, 3)}{unit}, so only the "
-            "speed at this level is known: gain and friction can't be separated. Add a second "
-            "level, or let the motor coast.",
+            f"The motor moved under one level of the input only, {plain(level, 3)}{unit}, so the data "
+            "tell what it does at this level, but not gain and friction apart. Add a second level, or "
+            "let the motor coast.",
             parameters=("gain", "coulomb_voltage"),
         )
     ]

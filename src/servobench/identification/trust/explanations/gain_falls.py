@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.finding import warning
+from servobench.core.rounding import plain
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
 
@@ -23,7 +24,7 @@ def _gain_falls(case: Case) -> CauseFit | None:
     found, limit = min(tried, key=lambda each: each[0].misfit)
     unit = case.motions[0].data.input_unit
     sentence = (
-        f"Inputs beyond about {limit:.3g} {unit} have no further effect: the amplifier, the supply "
+        f"Inputs beyond about {plain(limit, 2)} {unit} have no further effect: the amplifier, the supply "
         "or the controller limits the voltage. Record the voltage that was applied, or stay below "
         "that level."
     )
