@@ -181,6 +181,10 @@ class Bench:
                 else:
                     await viewer.send_text(json.dumps(message))
 
+    def turn(self, ticks: int) -> None:
+        """Let the time of so many ticks pass at once: their rows come with the next frame."""
+        self.began -= ticks * SAMPLE_TIME
+
     def drop_all(self) -> None:
         """Close every viewer's socket, as a server that goes does; called from another thread."""
         for viewer in list(self.viewers):
@@ -281,14 +285,14 @@ class Bench:
         return {"name": name, "length": seconds, "duration": wanted, "early": early}
 
     async def run(self) -> None:
-        """Thirty times a second: new rows to everybody; now and then the state and the live model."""
+        """Fifteen times a second, as each is drawn: new rows to everybody; now and then the state and the live model."""
         turn = 0
         while True:
-            await asyncio.sleep(1 / 30)
+            await asyncio.sleep(1 / 15)
             turn += 1
             await self.tell({"kind": "beat"})
             until = int((time.monotonic() - self.began) / SAMPLE_TIME)
-            if turn % 10 == 0:
+            if turn % 5 == 0:
                 await self.tell_state()
             if self.device is None or self.closed or until <= self.motor.tick:
                 continue
@@ -302,7 +306,7 @@ class Bench:
                 if wanted and self.recording["samples"] * SAMPLE_TIME >= wanted:
                     await self.tell({"kind": "recorded", **self.end_recording()})
                     await self.tell({"kind": "library"})
-            if turn % 6 == 0 and not self.compiling:
+            if turn % 3 == 0 and not self.compiling:
                 await self.tell(self.live(until))
 
     def live(self, samples: int) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from servobench.systems.signals.base import SIGNALS
 from tests.panel.fake import LARGEST, app
 
 WIDE = {"width": 1440, "height": 900}
+PATIENCE = 120  # s; on a machine that is busy with other tests
 
 
 class Panel:
@@ -31,7 +33,7 @@ class Panel:
         self.bench = bench
         self.page = tab or browser.new_context(**{"viewport": WIDE, **options}).new_page()
         self.context = self.page.context
-        self.page.set_default_timeout(10_000)
+        self.page.set_default_timeout(1000 * PATIENCE)
         self.complaints: list[str] = []
         self.requests: list[str] = []
         self._heard: dict[str, Callable[[Any], Any]] = {
@@ -60,12 +62,17 @@ class Panel:
         self.page.get_by_role("tab", name=name).click()
 
     def until(self, holds: Callable[[], bool]) -> None:
-        """Wait until something holds; fails after ten seconds."""
-        for _ in range(200):
-            if holds():
-                return
+        """Wait until something holds; how long doesn't matter, but not for ever."""
+        deadline = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < deadline, "it never came to hold"
             self.page.wait_for_timeout(50)
-        raise AssertionError("it never came to hold")
+
+    def turn(self, ticks: int) -> None:
+        """Have the motor turn for so many ticks at once, and the page draw them."""
+        last = self.bench.motor.tick + ticks
+        self.bench.turn(ticks)
+        self.until(lambda: any(sign.get("row", 0) >= last for sign in self.bench.signs[-1:]))
 
     def table(self) -> tuple[list[str], list[list[float]]]:
         """What is seen, as its CSV has it."""
@@ -133,7 +140,8 @@ def test_what_another_page_applied_is_shown_but_not_over_what_is_being_typed(pan
     panel.until(lambda: high.input_value() == "7")
     low.fill("2.5")
     panel.bench.signal = {**panel.bench.signal, "high": 9.0}
-    panel.page.wait_for_timeout(800)  # two states later
+    panel.bench.limits = [{"code": "saturated", "sentence": "A later state."}]
+    panel.page.locator("[data-light=limits]").get_by_text("A later state").wait_for()
     assert (low.input_value(), high.input_value()) == ("2.5", "7")
     panel.button("Back").click()
     assert (low.input_value(), high.input_value()) == ("1", "9")
@@ -245,7 +253,7 @@ def test_what_was_commanded_is_seen_where_it_is_what_was_applied(
 ) -> None:
     panel = Panel(browser, *server, color_scheme=theme)
     panel.button("Start").click()
-    panel.until(lambda: panel.bench.motor.tick > 3000)
+    panel.turn(3000)
     panel.button("Pause").click()
     seen = panel.page.get_by_role("region", name="Voltage").evaluate(
         """(scope) => {
@@ -298,19 +306,18 @@ def test_the_tab_key_reaches_everything_and_gets_out_again(panel: Panel) -> None
 
 
 def test_paused_scopes_stand_still(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.turn(1500)
     panel.page.get_by_label("Time shown").select_option("1")
     panel.button("Pause").click()
     first = panel.table()
     panel.page.wait_for_timeout(300)
     assert panel.table() == first
     panel.button("Run").click()
-    panel.page.wait_for_timeout(300)
-    assert panel.table() != first
+    panel.until(lambda: panel.table() != first)
 
 
 def test_what_is_seen_is_exported_as_it_is(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.turn(1500)
     panel.page.get_by_label("Time shown").select_option("1")
     panel.button("Pause").click()
     panel.button("Voltage, Commanded: shown").click()
@@ -327,7 +334,7 @@ def test_what_is_seen_is_exported_as_it_is(panel: Panel) -> None:
 
 def test_angles_are_exported_in_the_unit_that_is_seen(panel: Panel) -> None:
     panel.button("Start").click()
-    panel.until(lambda: panel.bench.motor.tick > 2500)
+    panel.turn(2500)
     panel.button("Pause").click()
     tables = {}
     for unit in ("rad", "deg", "counts"):
@@ -341,7 +348,7 @@ def test_angles_are_exported_in_the_unit_that_is_seen(panel: Panel) -> None:
 
 
 def test_the_picture_is_a_png(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 300)
+    panel.turn(300)
     with panel.page.expect_download() as download:
         panel.button("Save what is seen as PNG").click()
     data = Path(download.value.path()).read_bytes()
@@ -354,18 +361,19 @@ def test_a_trigger_holds_the_edge_at_its_place(panel: Panel) -> None:
     panel.button("Trigger").click()
     panel.page.get_by_label("Level").fill("2")
     panel.page.keyboard.press("Enter")
-    panel.button("Start").click()  # 0 V to 3 V
+    panel.button("Start").click()  # 0 V to 3 V; a busy machine may show a later edge, from 1 V
     panel.page.locator("#trigger-strip").get_by_text("Triggered").wait_for()
     head, lines = panel.table()
     applied = [line[head.index("applied [V]")] for line in lines]
     # A tenth of half a second before the edge: 50 rows, the crossing lies between two of them.
-    assert applied[:50] == [0.0] * 50
+    assert applied[0] in (0.0, 1.0)
+    assert applied[:50] == [applied[0]] * 50
     assert applied[51:] == [3.0] * len(applied[51:])
     assert len(applied) in (500, 501)
 
 
 def test_zoom_by_keyboard_halves_what_is_seen(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 2500)
+    panel.turn(2500)
     panel.page.get_by_label("Time shown").select_option("2")
     panel.button("Pause").click()
     _, before = panel.table()
@@ -376,7 +384,7 @@ def test_zoom_by_keyboard_halves_what_is_seen(panel: Panel) -> None:
 
 
 def test_cursors_tell_times_and_differences_and_move_by_keyboard(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.turn(1500)
     panel.page.get_by_label("Time shown").select_option("1")
     panel.button("Pause").click()
     panel.button("Cursors").click()
@@ -408,7 +416,7 @@ def times(panel: Panel) -> list[float]:
 
 
 def test_a_drag_zooms_into_what_it_covers_and_a_double_click_shows_all(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 2500)
+    panel.turn(2500)
     panel.page.get_by_label("Time shown").select_option("2")
     panel.button("Pause").click()
     before = times(panel)
@@ -425,7 +433,7 @@ def test_a_drag_zooms_into_what_it_covers_and_a_double_click_shows_all(panel: Pa
 
 
 def test_a_cursor_is_dragged_and_nothing_is_zoomed_by_it(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.turn(1500)
     panel.page.get_by_label("Time shown").select_option("1")
     panel.button("Pause").click()
     panel.button("Cursors").click()
@@ -453,7 +461,7 @@ def test_a_single_trigger_holds_until_it_is_armed_again(panel: Panel) -> None:
     held = panel.table()[1]
     # Half of what is seen is before the edge.
     assert [line[2] for line in held[:100]] == [0.0] * 100
-    panel.until(lambda: panel.bench.motor.tick > 6000)  # more edges have come since
+    panel.turn(5000)  # more edges have come since
     assert panel.table()[1] == held
     panel.button("Arm again").click()
     panel.until(lambda: panel.table()[1] != held)
@@ -643,7 +651,7 @@ def test_a_file_that_is_unclear_is_asked_about_and_identified_then(panel: Panel)
 
 
 def test_two_recordings_are_laid_over_each_other(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 500)
+    panel.turn(500)
     panel.tab("Recordings")
     panel.page.get_by_label("Compare square-1-3").check()
     panel.page.get_by_label("Compare prbs-disc").check()

@@ -182,7 +182,7 @@ def test_sentences_stand_below_each_other_and_what_went_wrong_stays_until_it_is_
 
 
 def test_a_fifth_recording_takes_a_place_and_says_whose(panel: Panel) -> None:
-    panel.until(lambda: panel.bench.motor.tick > 500)
+    panel.turn(500)
     one = panel.bench.recordings["square-1-3"]
     panel.bench.recordings |= {name: {**one, "name": name} for name in ("fourth", "fifth")}
     panel.page.reload()

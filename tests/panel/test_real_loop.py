@@ -29,7 +29,7 @@ from tests.panel.doubles import rows_until
 from tests.processes import children
 from tests.stories.program import running, started
 
-PATIENCE = 20.0  # s; the first loop compiles its kernels, maybe on a busy machine
+PATIENCE = 120.0  # s; the first loop compiles its kernels, maybe on a busy machine
 SAMPLE_TIME = 0.002
 
 

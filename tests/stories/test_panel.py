@@ -43,8 +43,7 @@ def choose_square_wave(page: Page) -> None:
     page.page.get_by_label("Kind of signal").select_option("square")
     for name, value in (("Low", "1"), ("High", "3"), ("Frequency", "0.4")):
         page.page.get_by_role("spinbutton", name=name).fill(value)
-    page.button("Apply signal").click()
-    page.page.locator("#signal-status").get_by_text(re.compile(r"Applied at \d+")).wait_for()
+    page.apply("Apply signal", "#signal-status")
 
 
 def painted(page: Page, scope: str, trace: str) -> float:
