@@ -1,5 +1,6 @@
 """Every row that a source gets arrives: a pseudo-terminal, a socket, a growing file and a NetworkTables server."""
 
+import errno
 import os
 import socket
 import threading
@@ -160,6 +161,17 @@ def test_a_port_that_is_not_there_is_a_sentence() -> None:
         pytest.raises(UsageError, match=r"/dev/no_such_port can't be opened \(No such file or directory\)"),
         SerialPort("/dev/no_such_port"),
     ):
+        pass
+
+
+def test_a_port_that_one_may_not_use_says_how_one_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    import serial
+
+    def refuse(*_: object, **__: object) -> None:
+        raise serial.SerialException(errno.EACCES, "could not open port")
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(UsageError, match=r"\(Permission denied\): .*dialout"), SerialPort("/dev/ttyACM0"):
         pass
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -47,9 +48,10 @@ class SerialPort:
         except (serial.SerialException, ValueError, OSError) as error:
             number = getattr(error, "errno", None)
             why = os.strerror(number) if number else error
-            raise UsageError(
-                f"{self._port} can't be opened ({why}): look at the cable and the rights, and close other programs that have it"
-            ) from None
+            what = "look at the cable, and close other programs that have it"
+            if number == errno.EACCES:
+                what = "become a member of its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in anew"
+            raise UsageError(f"{self._port} can't be opened ({why}): {what}") from None
         return self
 
     def __exit__(
