@@ -62,6 +62,23 @@ def test_all_lines_at_1_khz_arrive_over_a_pseudo_terminal() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
+def test_a_board_loses_nothing_while_its_rows_are_being_worked_on() -> None:
+    # A port holds 4 kB, a fifth of a second at 1 kHz; compiling the kernels at the first rows takes much longer.
+    board, port = os.openpty()
+    with SerialPort(os.ttyname(port)) as stream:
+        written = b"t_us,u,counts\r\n" + lines(ROWS)
+        writer = threading.Thread(target=lambda: os.write(board, written), daemon=True)
+        writer.start()
+        writer.join(30)  # nobody reads the stream meanwhile
+        assert not writer.is_alive()
+        rows = all_rows(stream, ROWS)
+    os.close(board)
+    os.close(port)
+
+    assert len(rows) == ROWS
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
 def test_a_port_that_is_gone_ends_the_stream() -> None:
     board, port = os.openpty()
     with SerialPort(os.ttyname(port)) as stream:

@@ -29,7 +29,9 @@ from servobench.systems.control.pi import Pi
 NAME = "rig"
 BOOT_TIME = 4.0  # s; a board that is reset by the opening of its port runs its boot loader first
 HELLO_TIME = 0.25  # s; without an answer the board is asked again
-GREETING_TIME = 8.0  # s, by the computer's clock: whoever talks on for twice as long as a board starts is no rig
+GREETING_TIME = (
+    8.0  # s, by the computer's clock: whoever talks on for twice as long as a board starts is no rig
+)
 BLOCK_PERIOD = 2  # ticks; slower samples come one by one, as eight of them would take too long
 LEAD = 120  # duties that the board is to hold in advance, of the 128 that it can: 240 ms at 500 Hz
 LATCH_TO_DUTY = (

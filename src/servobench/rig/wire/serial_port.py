@@ -26,7 +26,10 @@ class SerialPort:
         except (OSError, ValueError) as error:  # SerialException is an OSError
             number = getattr(error, "errno", None)
             why = os.strerror(number) if number else str(error)
-            what = "plug the board in, close other programs that use the port, or give another one (python -m serial.tools.list_ports)"
+            what = (
+                "plug the board in, close other programs that use the port, or give another one (python -m "
+                "serial.tools.list_ports)"
+            )
             if number == errno.EACCES:
                 what = "become a member of its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in anew"
             raise DeviceError(f"rig: the port {name} can't be opened ({why}); {what}") from None
