@@ -192,6 +192,19 @@ def test_a_port_that_one_may_not_use_says_how_one_may(monkeypatch: pytest.Monkey
         pass
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
+def test_a_port_that_another_program_has_is_said_to_be_so() -> None:
+    board, port = os.openpty()
+    with (
+        SerialPort(os.ttyname(port)),
+        pytest.raises(UsageError, match=r"can't be opened \(another program has it\)"),
+        SerialPort(os.ttyname(port)),
+    ):
+        pass
+    os.close(board)
+    os.close(port)
+
+
 def test_no_stream_has_a_way_to_drive_a_motor() -> None:
     for member in STREAMS:
         assert not {"write", "send", "publish"} & set(dir(member))

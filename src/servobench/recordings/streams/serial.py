@@ -51,6 +51,8 @@ class SerialPort:
         except (serial.SerialException, ValueError, OSError) as error:
             number = getattr(error, "errno", None)
             why = os.strerror(number) if number else error
+            if number == errno.EAGAIN:  # the lock of the port
+                why = "another program has it"
             what = "look at the cable, and close other programs that have it"
             if number == errno.EACCES:
                 what = "become a member of its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in anew"

@@ -26,6 +26,8 @@ class SerialPort:
         except (OSError, ValueError) as error:  # SerialException is an OSError
             number = getattr(error, "errno", None)
             why = os.strerror(number) if number else str(error)
+            if number == errno.EAGAIN:  # the lock of the port
+                why = "another program has it"
             what = (
                 "plug the board in, close other programs that use the port, or give another one (python -m "
                 "serial.tools.list_ports)"
