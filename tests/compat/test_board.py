@@ -193,6 +193,11 @@ def test_arrays_that_are_too_short_are_refused(card: HIL) -> None:
         card.task_read_encoder(task, 5, np.zeros(4, np.int32))
 
 
+def test_a_negative_number_of_channels_is_an_error_and_not_none(card: HIL) -> None:
+    with pytest.raises(OverflowError, match="number of encoder channels is -1"):
+        card.read_encoder(ONE, -1, np.zeros(1, np.int32))
+
+
 def test_a_list_is_no_array(card: HIL) -> None:
     with pytest.raises(TypeError, match="array"):
         card.read_encoder([0], 1, np.zeros(1, np.int32))

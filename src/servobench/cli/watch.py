@@ -176,7 +176,8 @@ def _follow(
         else:
             watched.look_again()  # no further row will call for it
         silence = time.monotonic() - heard
-        for block in rows.blocks(_BLOCK):
+        blocks = rows.blocks(_BLOCK)
+        for block in blocks:
             watched.take(block)
             if length is not None and (watched.duration >= length or silence >= length):
                 return "time"
@@ -184,7 +185,12 @@ def _follow(
             if until_known and watched.known:
                 return "known"
             if requested():
-                return "interrupted"
+                break
+        for block in blocks:  # where the end was asked for amid them: all that had come is recorded
+            watched.take(block)
+    last = stream.read(0.0)
+    if last is not None:
+        watched.take(last)
     return "interrupted"
 
 

@@ -85,3 +85,9 @@ def test_before_the_first_row_the_last_line_is_shown_and_no_damage() -> None:
         (0, "t,u"),
     ]
     assert table.take(b"0,1\n1,2\n").example == ""
+
+
+def test_the_mark_that_windows_programs_put_before_a_text_is_no_part_of_the_first_name() -> None:
+    table = LineTable()
+
+    assert table.take("\ufefft,u,counts\r\n0.1,2,3\r\n".encode()).names == ("t", "u", "counts")

@@ -1,6 +1,7 @@
 """Rows of a stream are judged by their times."""
 
 import numpy as np
+import pytest
 
 from servobench.recordings.streams.order import RowOrder
 
@@ -29,6 +30,18 @@ def test_repeated_and_late_rows_are_left_out() -> None:
 
     assert [time for time, _ in links(order, [0.0, 0.1, 0.1, 0.2, 0.15, 0.3])] == [0.0, 0.1, 0.2, 0.3]
     assert (order.repeated, order.late) == (1, 1)
+
+
+@pytest.mark.parametrize("sent", [[0, 1, 3, 2, 4, 5], [0, 1, 4, 2, 3, 5], [0, 1, 3, 2, 5, 4, 6, 7]])
+def test_a_row_that_overtook_the_one_before_has_its_place_behind_it(sent: list[int]) -> None:
+    order = RowOrder(step=0.002)
+    t = 0.002 * np.array(sent)
+    found = order.take(t, t[:, None])
+
+    assert [round(time / 0.002) for time, _, _ in found] == sorted(sent)
+    assert [float(row[0]) for _, row, _ in found] == [time for time, _, _ in found]
+    assert {link for _, _, link in found} == {"next"}
+    assert order.lost == order.late == order.damaged == 0
 
 
 def test_a_clock_of_microseconds_wraps_after_71_minutes() -> None:

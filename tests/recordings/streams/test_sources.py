@@ -1,5 +1,6 @@
 """Every row that a source gets arrives: a pseudo-terminal, a socket, a growing file and a NetworkTables server."""
 
+import errno
 import os
 import socket
 import threading
@@ -58,6 +59,23 @@ def test_all_lines_at_1_khz_arrive_over_a_pseudo_terminal() -> None:
     os.close(port)
 
     assert rows[:, 2].tolist() == [7.0 * k for k in range(ROWS)]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
+def test_a_board_loses_nothing_while_its_rows_are_being_worked_on() -> None:
+    # A port holds 4 kB, a fifth of a second at 1 kHz; compiling the kernels at the first rows takes much longer.
+    board, port = os.openpty()
+    with SerialPort(os.ttyname(port)) as stream:
+        written = b"t_us,u,counts\r\n" + lines(ROWS)
+        writer = threading.Thread(target=lambda: os.write(board, written), daemon=True)
+        writer.start()
+        writer.join(30)  # nobody reads the stream meanwhile
+        assert not writer.is_alive()
+        rows = all_rows(stream, ROWS)
+    os.close(board)
+    os.close(port)
+
+    assert len(rows) == ROWS
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
@@ -161,6 +179,30 @@ def test_a_port_that_is_not_there_is_a_sentence() -> None:
         SerialPort("/dev/no_such_port"),
     ):
         pass
+
+
+def test_a_port_that_one_may_not_use_says_how_one_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    import serial
+
+    def refuse(*_: object, **__: object) -> None:
+        raise serial.SerialException(errno.EACCES, "could not open port")
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(UsageError, match=r"\(Permission denied\): .*dialout"), SerialPort("/dev/ttyACM0"):
+        pass
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
+def test_a_port_that_another_program_has_is_said_to_be_so() -> None:
+    board, port = os.openpty()
+    with (
+        SerialPort(os.ttyname(port)),
+        pytest.raises(UsageError, match=r"can't be opened \(another program has it\)"),
+        SerialPort(os.ttyname(port)),
+    ):
+        pass
+    os.close(board)
+    os.close(port)
 
 
 def test_no_stream_has_a_way_to_drive_a_motor() -> None:

@@ -1,5 +1,6 @@
 """The device `rig` with the firmware in simavr, in lock-step: what a run of it gives, and how each of its faults is reported."""
 
+import errno
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +14,7 @@ from servobench.identification.identify import identify
 from servobench.recordings.measurement.measure import measure
 from servobench.rig.devices.base import RunEnded
 from servobench.rig.devices.faulty import with_faults
-from servobench.rig.devices.rig import FAULTS, LATCH_TO_DUTY, Rig, RigSettings
+from servobench.rig.devices.rig import FAULTS, GREETING_TIME, LATCH_TO_DUTY, Rig, RigSettings
 from servobench.rig.experiment import Experiment, Limits
 from servobench.rig.lost_device import DeviceLost
 from servobench.rig.wire import conversation, serial_port
@@ -313,6 +314,43 @@ def test_a_port_that_is_not_there_is_a_sentence() -> None:
         DeviceError, match=r"the port /dev/ttyNOWHERE can't be opened \(No such file or directory\)"
     ):
         Rig(RigSettings(port="/dev/ttyNOWHERE")).__enter__()
+
+
+def test_a_port_that_one_may_not_use_says_how_one_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    import serial
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise serial.SerialException(errno.EACCES, "could not open port")
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(DeviceError, match=r"\(Permission denied\); .*dialout"):
+        Rig(RigSettings(port="/dev/ttyUSB0")).__enter__()
+
+
+class Talker:
+    """The port of a board with another program, which prints ten lines a second and never answers."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def read(self) -> bytes:
+        self.now += 0.1
+        return b"12,1.5,2048\r\n"
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_board_that_talks_of_other_things_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    talker = Talker()
+    monkeypatch.setattr("servobench.rig.devices.rig.monotonic", lambda: talker.now)
+    rig = Rig(RigSettings(port="/dev/ttyUSB0"), open_port=lambda name, baud: talker)
+    with pytest.raises(DeviceError, match=r"nobody at .* though something is sent there; flash"):
+        rig.__enter__()
+    assert talker.now <= GREETING_TIME + 0.1
 
 
 def test_a_stop_that_never_arrives_is_made_up_for_by_the_watchdog() -> None:

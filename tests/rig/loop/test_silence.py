@@ -5,6 +5,7 @@ import time
 import pytest
 
 from servobench.rig.devices.observed import Call
+from servobench.rig.loop.last_resort import CallsInRing, LastResort
 from servobench.rig.loop.ring import CALL, RowRing
 from servobench.rig.loop.silence import OPENING_PATIENCE, PATIENCE, RUN_PATIENCE, silence_of
 
@@ -49,3 +50,17 @@ def test_a_loop_is_given_up_once_nothing_is_to_be_expected(call: Call, allowed: 
             silence = silence_of(ring, SAMPLE_TIME)
             assert silence is not None
             assert silence.too_long is too_long
+
+
+def test_a_board_that_starts_anew_while_it_is_opened_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LastResort, "put_off", lambda self, patience: None)
+    with RowRing.create(2, 8) as ring:
+        CallsInRing(ring, SAMPLE_TIME, LastResort(), opening_time=4.0)
+        waiting(ring, Call.OPEN, 4.0 + PATIENCE - MARGIN)
+        assert silence_of(ring, SAMPLE_TIME) is None
+
+        waiting(ring, Call.OPEN, 4.0 + PATIENCE + MARGIN)
+        assert silence_of(ring, SAMPLE_TIME) is not None
+
+        waiting(ring, Call.WRITE, PATIENCE + MARGIN)  # the rest of the run is watched as ever
+        assert silence_of(ring, SAMPLE_TIME) is not None

@@ -64,7 +64,11 @@ def whole_number(number: object, name: str) -> int:
 def channels(given: object, count: object, name: str, missing: Code) -> tuple[int, ...]:
     """Return the numbers of the channels; () for none. `missing` is the error where there are fewer than `count`."""
     number = whole_number(count, f"the number of {name}")
-    if number <= 0:
+    if number < 0:
+        raise OverflowError(
+            f"the number of {name} is {number}; expected 0 or more, as the board's library has it unsigned"
+        )
+    if number == 0:
         return ()
     if given is None:
         raise hil_error(missing)

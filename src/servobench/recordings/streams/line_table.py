@@ -51,7 +51,7 @@ class LineTable:
         found: list[list[float]] = []
         damaged: list[str] = []
         for line in lines:
-            text = line[:_LONGEST].decode("utf-8", "replace").strip().strip("\0")
+            text = line[:_LONGEST].decode("utf-8", "replace").strip("\ufeff\0 \t\r\n")
             if not text or text.startswith("#"):
                 continue
             first, self._torn = self._torn, False

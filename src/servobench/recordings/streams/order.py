@@ -56,6 +56,11 @@ class RowOrder:
         return found
 
     def _judge(self, time: float, row: Array, found: list[tuple[float, Array, Link]]) -> None:
+        if self._was_overtaken(time) and self._held is not None:
+            ahead, self._held = self._held, None
+            self._judge(time, row, found)
+            self._judge(*ahead, found)
+            return
         time = self._settle(time, found)
         if self._last is None:
             self._accept(time, row, "next", found)
@@ -73,6 +78,13 @@ class RowOrder:
             self.late += 1
         else:
             self._held = time, row
+
+    def _was_overtaken(self, time: float) -> bool:
+        """Whether the row is the next one, and the row that is held came before it, as datagrams do."""
+        if self._held is None or self._last is None:
+            return False
+        held = self._held[0] - self._last
+        return 0 < time - self._last <= _LATE * self.step and time - self._last < held <= _NEAR * self.step
 
     def _settle(self, time: float, found: list[tuple[float, Array, Link]]) -> float:
         """Decide what the row that is held was, by the time of the next; returns that time."""

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
-from queue import Empty, SimpleQueue
-from threading import Thread
 from types import TracebackType
 from typing import Self
 
 from servobench.core.errors import UsageError
 from servobench.recordings.streams.base import STREAMS, Rows
 from servobench.recordings.streams.line_table import LineTable
+from servobench.recordings.streams.pump import Pump
 
 _BLOCK = 1 << 16  # bytes
 
 
 @STREAMS.member("standard_input")
 class StandardInput:
-    """Lines of standard input until its end. A thread reads them, as no system can wait for a pipe and a clock alike.
+    """Lines of standard input until its end. A `Pump` reads them, as no system can wait for a pipe and a clock alike.
 
     Raises `UsageError` for anything behind the `-`.
     """
@@ -29,7 +28,7 @@ class StandardInput:
         if rest:
             raise UsageError(f"standard input takes no {rest!r}: say - alone")
         self._table = LineTable()
-        self._blocks: SimpleQueue[bytes] = SimpleQueue()
+        self._pump: Pump | None = None
         self._ended = False
 
     def __enter__(self) -> Self:
@@ -38,8 +37,8 @@ class StandardInput:
             raise UsageError(
                 "nothing is piped into standard input; put a program before it: PROGRAM | servobench watch -"
             )
-        # A daemon: a read that waits for a program that says nothing can't be ended.
-        Thread(target=self._read, args=(sys.stdin.fileno(),), daemon=True).start()
+        number = sys.stdin.fileno()
+        self._pump = Pump(lambda: os.read(number, _BLOCK) or None)
         return self
 
     def __exit__(
@@ -48,21 +47,11 @@ class StandardInput:
         """Leave standard input open: it belongs to the caller."""
 
     def read(self, patience: float) -> Rows | None:
-        """Return the rows that have come; None after the end of the input."""
+        """Return the rows that have come; None after the end of the input; raises `UsageError` where it isn't open."""
+        if self._pump is None:
+            raise UsageError("standard input isn't open: use the stream in a `with`")
         if self._ended:
             return None
-        data = b""
-        try:
-            block = self._blocks.get(timeout=patience)
-            while block:
-                data += block
-                block = self._blocks.get_nowait()
-            self._ended = True
-        except Empty:
-            return self._table.take(data)
-        return self._table.take(data + b"\n")
-
-    def _read(self, number: int) -> None:
-        while block := os.read(number, _BLOCK):
-            self._blocks.put(block)
-        self._blocks.put(b"")
+        data = self._pump.take(patience)
+        self._ended = data is None
+        return self._table.take(b"\n" if data is None else data)  # its last line may have no end

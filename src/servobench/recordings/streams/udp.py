@@ -20,7 +20,8 @@ _MOST = 1000  # datagrams at once
 class Udp:
     """Lines that datagrams to a port of this computer bring: `udp:PORT`, or `udp:ADDRESS:PORT` to listen at one address alone.
 
-    A datagram holds whole lines; its last needs no line end. Rows may overtake each other.
+    A datagram holds whole lines; its last needs no line end. A row that the next or the next but one overtakes has its place; a
+    later one is left out, and counted.
     Raises `UsageError` for a text that is no port.
     """
 

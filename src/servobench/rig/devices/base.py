@@ -111,6 +111,16 @@ class Preloaded(Protocol):
 
 
 @runtime_checkable
+class Restarting(Protocol):
+    """An optional property of a device that starts anew while it is being opened, and doesn't answer meanwhile."""
+
+    @property
+    def opening_time(self) -> float:
+        """The time for which no answer is normal then [s]."""
+        ...
+
+
+@runtime_checkable
 class SelfStopping(Protocol):
     """An optional property of a device that lets the motor go by itself if no voltage comes any more."""
 

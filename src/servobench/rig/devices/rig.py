@@ -7,6 +7,7 @@ import secrets
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from time import monotonic
 from types import TracebackType
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
@@ -28,6 +29,9 @@ from servobench.systems.control.pi import Pi
 NAME = "rig"
 BOOT_TIME = 4.0  # s; a board that is reset by the opening of its port runs its boot loader first
 HELLO_TIME = 0.25  # s; without an answer the board is asked again
+GREETING_TIME = (
+    8.0  # s, by the computer's clock: whoever talks on for twice as long as a board starts is no rig
+)
 BLOCK_PERIOD = 2  # ticks; slower samples come one by one, as eight of them would take too long
 LEAD = 120  # duties that the board is to hold in advance, of the 128 that it can: 240 ms at 500 Hz
 LATCH_TO_DUTY = (
@@ -183,6 +187,11 @@ class Rig:
         """Time without a voltage after which the board cuts the motor off by itself [s]."""
         return self._watchdog_ms / 1000
 
+    @property
+    def opening_time(self) -> float:
+        """Time for which no answer is normal while the port is being opened [s]: boards that it resets start anew."""
+        return BOOT_TIME
+
     def __enter__(self) -> Self:
         """Open the port, find the firmware there and claim the board; the bridge is off."""
         talk = Conversation(self._open_port(self.settings.port, self.settings.baud), self.settings.port)
@@ -315,15 +324,16 @@ class Rig:
 
     def _greet(self, talk: Conversation) -> None:
         """Wait for the firmware to answer, and make sure that it speaks the same protocol."""
-        most = talk.received + ENDLESS
+        most, until = talk.received + ENDLESS, monotonic() + GREETING_TIME
         for _ in range(round(BOOT_TIME / HELLO_TIME)):
             talk.silent = 0.0
             talk.say("hello", schema=protocol().schema)
-            while talk.silent < HELLO_TIME and talk.received < most:
+            while talk.silent < HELLO_TIME and talk.received < most and monotonic() < until:
                 if self._finds_firmware(talk):
                     return
+        instead = ", though something is sent there" if talk.received else ""
         raise DeviceError(
-            f"rig: nobody at {self.settings.port} speaks the rig's protocol at {self.settings.baud} baud; flash the "
+            f"rig: nobody at {self.settings.port} speaks the rig's protocol at {self.settings.baud} baud{instead}; flash the "
             "firmware (make -C firmware flash), or give the port and the baud rate it was built for"
         )
 

@@ -24,7 +24,7 @@ from servobench.core.finding import Finding, warning
 from servobench.recordings.recording import Stopped
 from servobench.rig.clock import Clock, Tick, clock_for
 from servobench.rig.clock.wake_up import wake_ups
-from servobench.rig.devices.base import connect, error_text
+from servobench.rig.devices.base import Restarting, connect, error_text
 from servobench.rig.devices.faulty import with_faults
 from servobench.rig.devices.guarded import Guarded
 from servobench.rig.devices.observed import Observed
@@ -133,7 +133,8 @@ class _Loop:
         device = with_faults(
             connect(experiment.device.name, **experiment.device.settings), experiment.device.faults
         )
-        observer = CallsInRing(self._rows, experiment.sample_time, LastResort())
+        opening_time = device.opening_time if isinstance(device, Restarting) else 0.0
+        observer = CallsInRing(self._rows, experiment.sample_time, LastResort(), opening_time)
         guarded = Guarded(Observed(device, observer), experiment.limits, when_faulted=self._spec.when_faulted)
         ending: _Ending | None = None
         try:

@@ -9,7 +9,7 @@ import sys
 import time
 
 from servobench.rig.devices.observed import Call
-from servobench.rig.loop.ring import CALL, ZERO_VOLTS, RowRing
+from servobench.rig.loop.ring import CALL, OPENING_TIME, ZERO_VOLTS, RowRing
 from servobench.rig.loop.silence import OPENING_PATIENCE, RUN_PATIENCE
 
 _MARGIN = 2.0  # s; who started the loop is first, as it can tell what happened
@@ -49,15 +49,22 @@ class LastResort:
 
 
 class CallsInRing:
-    """An observer that writes into the ring what the loop's thread is doing, and puts the last resort off while it goes on."""
+    """An observer that writes into the ring what the loop's thread is doing, and puts the last resort off while it goes on.
 
-    def __init__(self, rows: RowRing, sample_time: float, last_resort: LastResort) -> None:
+    `opening_time` is how long the device may take to be opened where nothing is wrong [s].
+    """
+
+    def __init__(
+        self, rows: RowRing, sample_time: float, last_resort: LastResort, opening_time: float = 0.0
+    ) -> None:
         self._rows = rows
         self._memory = rows.memory  # it stays while a call hangs, even if another thread closes the ring
         self._set = rows._kernels.set_word
         self._last_resort = last_resort
         self._patience = RUN_PATIENCE + 2 * sample_time + _MARGIN
+        self._opening_patience = OPENING_PATIENCE + opening_time + _MARGIN
         self._due = 0
+        self._set(self._memory, OPENING_TIME, round(1e9 * opening_time))
 
     def began(self, call: Call) -> None:
         """Note that a call has begun."""
@@ -68,7 +75,7 @@ class CallsInRing:
         self._due = now + _PUT_OFF_EVERY
         if call in _OPENING:
             self._last_resort.with_parent(True)
-            self._last_resort.put_off(OPENING_PATIENCE + _MARGIN)
+            self._last_resort.put_off(self._opening_patience)
         else:
             self._last_resort.put_off(self._patience)
 

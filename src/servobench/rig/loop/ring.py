@@ -38,6 +38,7 @@ FAULT = 5  # 0 or 1
 RECORD_UNTIL = 6  # the number of the first row that a late recorder leaves out; 0: none is set
 CALL = 7  # what the loop's thread is doing since when: eight times the monotonic time [ns], plus a `Call`; 0: nothing to wait for
 ZERO_VOLTS = 8  # 1 where the device's output is known to be zero
+OPENING_TIME = 9  # how long the device may take to be opened where nothing is wrong [ns]
 
 
 class Ring:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from servobench.core.finding import Finding, danger
 from servobench.rig.devices.observed import Call
-from servobench.rig.loop.ring import CALL, ZERO_VOLTS, RowRing
+from servobench.rig.loop.ring import CALL, OPENING_TIME, ZERO_VOLTS, RowRing
 
 PATIENCE = 0.8  # s; after 0.1 s the watchdog has tried a write, after 0.3 s a stop, and within 1 s the user gets a message
 RUN_PATIENCE = 4.0  # s; from then on the loop's process is ended, as no call of a tick takes as long
@@ -89,6 +89,8 @@ def silence_of(ring: RowRing, sample_time: float) -> Silence | None:
     duration = 1e-9 * (time.monotonic_ns() - (word >> 3))
     # The loop sleeps between two calls for up to a sample time, and a board that keeps the time lets a read wait as long.
     expected = 2 * sample_time if call in (Call.BETWEEN, Call.READ) else 0.0
+    if call is Call.OPEN:
+        expected = 1e-9 * ring.get(OPENING_TIME)
     if duration <= PATIENCE + expected:
         return None
     return Silence(call=call, duration=duration, expected=expected, zero_volts=bool(ring.get(ZERO_VOLTS)))

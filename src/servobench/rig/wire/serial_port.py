@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from typing import Any
 
@@ -25,10 +26,15 @@ class SerialPort:
         except (OSError, ValueError) as error:  # SerialException is an OSError
             number = getattr(error, "errno", None)
             why = os.strerror(number) if number else str(error)
-            raise DeviceError(
-                f"rig: the port {name} can't be opened ({why}); plug the board in, close other programs that use the port, or "
-                "give another one (python -m serial.tools.list_ports)"
-            ) from None
+            if number == errno.EAGAIN:  # the lock of the port
+                why = "another program has it"
+            what = (
+                "plug the board in, close other programs that use the port, or give another one (python -m "
+                "serial.tools.list_ports)"
+            )
+            if number == errno.EACCES:
+                what = "become a member of its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in anew"
+            raise DeviceError(f"rig: the port {name} can't be opened ({why}); {what}") from None
 
     def read(self) -> bytes:
         """Return what has come, b"" where nothing came within a turn."""
