@@ -1,8 +1,9 @@
 """What a fleet costs: the rate of `identify_fleet` against reading the same files and doing nothing, its memory, and kills.
 
 Files of 5,000 samples in our own format, as CSV, and as TDMS; as many processes read them and do nothing. Rates are taken
-from the first result to the last, so that neither has the start of its processes in it. Memory is the most that the parent
-had, as the rows go through it. A kill is SIGKILL at a random moment; afterwards the rows are counted.
+from the first result to the last, so that neither has the start of its processes in it. The parts are the processor time that
+a file takes in one process: to be read, to be identified, to become a row, and to be kept in the results. Memory is the most that
+the parent had, as the rows go through it. A kill is SIGKILL at a random moment; afterwards the rows are counted.
 
     python bench/fleet.py [FILES] [FILES OF THE LARGE FLEET] [KILLS]
 """
@@ -25,17 +26,22 @@ import numpy as np
 from figures import Figure, shown
 
 from servobench.core.channels import Channel
-from servobench.fleet.identification import identify_fleet, processors
+from servobench.fleet.identification import identify_fleet, processors, results_of
 from servobench.fleet.parts import rows_in
 from servobench.fleet.pool import Processes
+from servobench.fleet.row import result_row
 from servobench.fleet.settings import Settings
+from servobench.fleet.source import list_items, source_at
+from servobench.identification.identify import identify_evidence
 from servobench.recordings.formats.base import save
 from servobench.recordings.loading.load import load
+from servobench.recordings.reading import evidence_in
 from servobench.recordings.recording import Recording, Series, Source
 from tests.datasets import dataset
 
 RATE = 0.5  # of reading and doing nothing, the goal of issue 20
 FLAT = 1.1  # times
+PARTS_OF = 20  # files
 _KINDS = ("mcap", "csv", "tdms")
 _PROGRAM = """
 import resource, sys
@@ -89,7 +95,33 @@ def _rates(folder: Path, kind: str, files: int, samples: int) -> list[Figure]:
         Figure(what=f"{kind}: rate over reading and doing nothing", value=statistics.median(ratios),
                half=(min(ratios), max(ratios)), goal=f"at least {RATE:g}"),
         Figure(what=f"{kind}: files a second, {count} processes", value=statistics.median(rates), unit="1/s"),
+        *_parts(folder, kind, settings),
     ]  # fmt: skip
+
+
+def _parts(folder: Path, kind: str, settings: Settings) -> list[Figure]:
+    """What a file takes [ms], by what is done with it."""
+    source = source_at(folder)
+    items = list_items(source, None).items[:PARTS_OF]
+    spent: dict[str, list[float]] = {"read": [], "identify": [], "make a row": [], "keep the row": []}
+    with results_of(source, folder.parent / f"parts-{kind}", None, settings) as results:
+        for item in items:
+            with source.local(item) as path:
+                marks = [time.process_time()]
+                evidence = evidence_in(list(load(path)), **settings.options)
+            marks.append(time.process_time())
+            result = identify_evidence(evidence)
+            marks.append(time.process_time())
+            row = result_row(item, {}, result)
+            marks.append(time.process_time())
+            results.add(row)
+            marks.append(time.process_time())
+            for taken, part in zip(np.diff(marks), spent.values(), strict=True):
+                part.append(1e3 * float(taken))
+    return [
+        Figure(what=f"{kind}: to {part} takes", value=statistics.median(times), unit="ms")
+        for part, times in spent.items()
+    ]
 
 
 def _note(steps: list[float], now: object) -> None:

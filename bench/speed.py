@@ -209,6 +209,12 @@ def against_runs(size: Size, folder: Path) -> list[Figure]:
             size.pairs,
             goal="40",
         ),
+        ratio(
+            "the same, and its samples read from the file, over the best C",
+            partial(to_file, look=True),
+            twin.free_state,
+            size.pairs,
+        ),
     ]
 
 
@@ -237,10 +243,14 @@ def carry_out(
     *,
     to: Path | None = None,
     own: bool = False,
+    look: bool = False,
 ) -> None:
-    """Carry out a run of so many ticks on the twin, or on one of a user's own, which goes tick by tick."""
+    """Carry out a run of so many ticks on the twin, or on one of a user's own, which goes tick by tick; `look` at its samples."""
     with (Own if own else Twin)(TwinSettings(**settings)) as device:
-        sb.run(sb.Experiment(duration=ticks * STEP, sample_time=STEP, **experiment), device, to=to)
+        asked = sb.Experiment(duration=ticks * STEP, sample_time=STEP, **experiment)
+        recording = sb.run(asked, device, to=to)
+    if look and len(recording["counts"].values) != ticks:
+        raise RuntimeError(f"{len(recording['counts'].values)} of {ticks} samples were recorded")
 
 
 def scaled(figure: Figure, what: str, factor: float) -> Figure:

@@ -90,7 +90,7 @@ def _identify(
         result = identify(recording_of(parameters, number, experiment, twin, seed))
     except ServobenchError as error:
         return IdentifiedMotor(number=number, verdict="", reason=" ".join(str(error).split()), values={})
-    told = result.to_dict()
+    told = result.to_dict(derived=False)
     values = {
         name: (each["value"], each["sd"], *each["interval"])
         for name, each in told["parameters"].items()

@@ -41,7 +41,7 @@ def result_row(item: Item, columns: Mapping[str, str], result: Result) -> Row:
     A parameter x has the columns `x`, `x_sd`, `x_low`, `x_high` (its 95 % interval), `x_unit` and `x_state`, and `x_input` and
     `x_input_unit` if it holds at one level of the input; numbers that aren't finite are left out.
     """
-    told = result.to_dict()
+    told = result.to_dict(derived=False)
     row: Row = {
         "file": item.text,
         **columns,

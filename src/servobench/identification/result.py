@@ -407,8 +407,11 @@ class Result:
         image = notebook.picture(self.fit) if self.fit else ""
         return notebook.answer(self._rows(), filter(None, sentences), image)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data of the schema `servobench.result/2`; numbers are finite or None."""
+    def to_dict(self, *, derived: bool = True) -> dict[str, Any]:
+        """Return the result as plain data of the schema `servobench.result/2`; numbers are finite or None.
+
+        Without `derived` poles and margins are left out; their intervals take several times as long as identifying.
+        """
         fit, system = self.fit, self.transfer_function
         data: dict[str, Any] = {
             "schema": SCHEMA,
@@ -449,7 +452,7 @@ class Result:
             },
             "derived": {
                 name: {"value": d.value, "interval": list(d.interval), "level": d.level, "unit": d.unit, "method": d.method}
-                for name, d in self.derived.items()
+                for name, d in (self.derived.items() if derived else ())
             },
             "fit_percent": {
                 "training": fit.fit_percent if fit else None,

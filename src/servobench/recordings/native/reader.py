@@ -43,11 +43,16 @@ def read(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
         raise FormatError(f"{str(path)!r} can't be read: its name contains a zero byte")
     try:
         with open(path, "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            _check_kind(path, file, size)
-            found = _collect(file, size)
+            return read_open(path, file)
     except OSError as error:
         raise FormatError(f"{path} can't be read: {error.strerror or error}") from error
+
+
+def read_open(path: Path, file: BinaryIO) -> tuple[Recording, ...]:
+    """Return the same of a file that is open at its beginning; messages call it `path`. Raises `OSError` as well."""
+    size = os.fstat(file.fileno()).st_size
+    _check_kind(path, file, size)
+    found = _collect(file, size)
     if not found.recordings:
         raise FormatError(
             f"{path} is an unfinished or damaged recording, and nothing in it can be read: "

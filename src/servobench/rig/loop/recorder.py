@@ -13,7 +13,7 @@ from typing import Protocol
 from servobench.core.channels import Array
 from servobench.core.errors import StorageError
 from servobench.core.finding import Finding
-from servobench.recordings.native.reader import read
+from servobench.recordings.native.open_file import recording_in
 from servobench.recordings.native.writer import RecordingWriter, Together
 from servobench.recordings.recording import Recording, Series, Stopped
 from servobench.recordings.row_store import RowStore
@@ -79,6 +79,7 @@ class ToFile:
 
     def __init__(self, opening: Recording, path: str | os.PathLike[str], *, patience: float) -> None:
         self._path = Path(path)
+        self._opening = opening
         self._patience = patience
         self._writer = RecordingWriter(path)
         self._writer.begin(opening, [Together(channels=tuple(each.channel.name for each in opening.series))])
@@ -100,7 +101,7 @@ class ToFile:
             ) from None
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> Recording:
-        """Wait for the last row to be written, finish the file and read it back."""
+        """Wait for the last row to be written, and finish the file; it is read when a sample is looked at."""
         self._blocks.put(None)
         self._thread.join()
         try:
@@ -109,8 +110,7 @@ class ToFile:
             self._writer.close()
         finally:
             self._writer.abandon()
-        (recording,) = read(self._path)
-        return recording
+        return recording_in(self._path, self._opening, stopped, findings)
 
     def abandon(self) -> None:
         """Leave the part of the file that there is, as far as it's written."""

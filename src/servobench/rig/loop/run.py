@@ -84,8 +84,8 @@ def run(
     (the device's own time of the sample, if the host keeps the time) or `received` (the host's, if the device
     does); with a controller, its `reference`. All are at the samples' actual times.
 
-    With `to`, the recording is streamed to that native file during the run, and read back at the end; an
-    endless experiment needs it. `clock` is by default the one that the device needs; a virtual device runs by
+    With `to`, the recording is streamed to that native file during the run, and read when you first look at
+    its samples; an endless experiment needs it. `clock` is by default the one that the device needs; a virtual device runs by
     any. `watch` is called ten times per second, `look` twice. Looking at the data holds the loop up, so only
     a device in virtual time allows `look`.
 
