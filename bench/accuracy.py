@@ -1,4 +1,4 @@
-"""How accurate the estimates are beside the bound, whether the intervals cover, and whether the verdict is right: Monte Carlo.
+"""The accuracy of the estimates relative to the bound, the coverage of the intervals and the verdicts: Monte Carlo.
 
     python bench/accuracy.py                              all rows, 1000 runs each; hours
     python bench/accuracy.py --runs 100 --rows encoder "torque*" --jobs 2

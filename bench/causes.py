@@ -1,4 +1,4 @@
-"""How often a cause is named that isn't there: on plain simulated motors, and on real recordings whose cause is known.
+"""The rate of false causes: on plain simulated motors, and on real recordings whose cause is known.
 
     python bench/causes.py                  300 plain motors and all real recordings
     python bench/causes.py --plain 600 --first 1000    other plain motors
@@ -72,7 +72,7 @@ def _rates(told: Sequence) -> list[Figure]:
 
 
 def _real(judged: Sequence) -> list[Figure]:
-    """How many real recordings are told a cause that isn't theirs, and how many of those that have one are told it."""
+    """The number of real recordings with a false cause, and of those with a known cause, how many get it."""
     if not judged:
         what = "real recordings: not run, they are absent (SERVOBENCH_REAL_DATA names their folder)"
         return [Figure(what=what, value=float("nan"))]

@@ -1,4 +1,5 @@
-"""What a fit costs: output error and the whole of `identify` on 5,000 samples, everything compiled, beside SciPy's least squares.
+"""The cost of a fit: output error and all of `identify` on 5,000 samples, everything compiled, relative to SciPy's least
+squares.
 
 Processor time of one core. The peer gets the same guess, the same residual and the same exact Jacobian, through
 `scipy.optimize.least_squares`; one of each in turn, so that both meet the same load, and the ratio is formed within each pair.

@@ -160,7 +160,9 @@ def _row(what: str, predicted: dict[str, float], found: Measured) -> str:
 
 
 def _stopping_row(wish: str, runs: int) -> str:
-    """How runs under a random torque ended that were to go on until an interval was narrow enough, and what it was worth."""
+    """The runs under a random torque that should go on until an interval is narrow enough: how they ended, and how good that
+    was.
+    """
     from servobench.identification.design.stopping_rule import parse_wish
     from servobench.identification.models.nominal import nominal_values
     from servobench.rig.devices.twin import TwinSettings
@@ -186,7 +188,7 @@ def _stopping_row(wish: str, runs: int) -> str:
 
 
 def _until(asked: Experiment) -> tuple[float, Result]:
-    """How long a run lasted [s], and its result."""
+    """The duration of a run [s], and its result."""
     from servobench.identification.design.stopping_rule import StoppingRule, parse_wish
     from servobench.identification.identify import identify
     from servobench.recordings.measurement.measure import measure

@@ -1,4 +1,4 @@
-"""What a tick of one motor of an ensemble costs, against the same in C, by NumPy over the motors, and by JAX.
+"""The cost of a tick of one motor of an ensemble, against the same in C, by NumPy over the motors, and by JAX.
 
 Processor time; one of each in turn, so that both meet the same load; the ratio is formed within each pair, and medians and
 quartiles are those of the ratios. Two threads against one are wall time, each pinned to a processor; the best of all tries
@@ -54,7 +54,7 @@ TORQUE_NOISE = 2e-5  # N·m/√Hz
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured."""
+    """The size of the measurement."""
 
     motors: int
     ticks: int

@@ -1,4 +1,4 @@
-"""What one fit of each estimator costs: the paper's experiment on the twin, 5,000 samples, everything compiled.
+"""The cost of one fit of each estimator: the paper's experiment on the twin, 5,000 samples, everything compiled.
 
 Processor time of one core. Estimators are timed in turn with output_error, so that both meet the same load. The cost is
 the median of the ratios within its pairs, times the median of all of output_error's times. Run by itself it writes

@@ -1,4 +1,4 @@
-"""What a bench gives: figures, each with the limit that it is held against."""
+"""The output of a bench: figures, each with its limit."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Figure:
 
     @property
     def is_kept(self) -> bool:
-        """Whether the value keeps to its limits; NaN keeps to none."""
+        """Whether the value is within its limits; NaN never is."""
         above = self.at_least is None or self.value >= self.at_least
         below = self.at_most is None or self.value <= self.at_most
         return above and below

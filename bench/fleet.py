@@ -1,4 +1,4 @@
-"""What a fleet costs: the rate of `identify_fleet` against reading the same files and doing nothing, its memory, and kills.
+"""The cost of a fleet: the rate of `identify_fleet` against reading the same files and doing nothing, its memory, and kills.
 
 Files of 5,000 samples in our own format, as CSV, and as TDMS; as many processes read them and do nothing. Rates are taken
 from the first result to the last, so that neither has the start of its processes in it. The parts are the processor time that

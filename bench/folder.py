@@ -1,4 +1,4 @@
-"""What a file costs in a script that identifies a folder: reading included, one process, everything compiled.
+"""The cost of a file in a script that identifies a folder: reading included, one process, everything compiled.
 
 500 files of 5,000 samples, as a logger writes them (CSV: time, voltage, angle in degrees). Beside it stands what it costs to read
 the same files with pandas and do nothing.

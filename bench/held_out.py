@@ -33,7 +33,7 @@ _TRANSIENT = 0.1  # of the input's range: a half in which it changes by less tel
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """How much of what it wasn't fitted to identification predicts, and a plain fit, both in %."""
+    """The predictions of data that weren't fitted, by identification and by a plain fit, both in %."""
 
     motor: str
     name: str
@@ -44,7 +44,7 @@ class Compared:
 
     @property
     def worse(self) -> float:
-        """How many points identification is worse by."""
+        """The points by which identification is worse."""
         return self.plain - self.ours
 
 

@@ -1,4 +1,4 @@
-"""What speeds were: times over that of a fixed workload in the same run, in bench/history.csv, so that a slow-down shows.
+"""The history of speeds: times over that of a fixed workload in the same run, in bench/history.csv, so that a slow-down shows.
 
 The workload never changes, so that a ratio from another machine, or from a busy one, can be compared, which a time can't. For
 a fit it is what an estimator does without being one: many small NumPy calls, a few large ones, products of tall matrices. For a

@@ -1,4 +1,4 @@
-"""How near identification comes to the machine: one pass of a predictor against C, its fit against SciPy, and all of `identify`.
+"""The speed of identification: one pass of a predictor against C, its fit against SciPy, and all of `identify`.
 
 Processor time of one core; one of each in turn, so that both meet the same load, and the ratio is formed within each pair. The C
 is bench/speed_parts/predictor.c, compiled here by `gcc -O3 -march=native`, with its pointers made beforehand. The predictor is
@@ -51,7 +51,7 @@ CALLS = 20  # of something too short for the processor's clock, for one time
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured."""
+    """The size of the measurement."""
 
     samples: int
     pairs: int

@@ -1,4 +1,4 @@
-"""What a recording loses by kill -9: runs at 500 Hz of which all processes are killed at a random moment.
+"""The loss of a recording by kill -9: runs at 500 Hz, all of whose processes are killed at a random moment.
 
     python bench/kills.py --count 100
 

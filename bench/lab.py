@@ -1,4 +1,4 @@
-"""How long `servobench lab page` takes: every exercise done, its pages written, all kernels compiled before.
+"""The time of `servobench lab page`: every exercise done, its pages written, all kernels compiled before.
 
 Whole processes, so that starting the interpreter counts, too. Beside the total there is the slowest exercise, each done alone in
 this process: it is the one to look at where the limit comes near.

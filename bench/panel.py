@@ -1,5 +1,5 @@
-"""What the panel costs, and how live it is: the server's processor time, frames that are painted, the age of what is painted, and
-whether the loop is less punctual for it.
+"""The cost and the latency of the panel: the server's processor time, painted frames, the age of what is painted, and the
+loop's punctuality with it.
 
 `servobench panel` runs as a program with the simulated motor at 1 kHz, and Chromium shows it: 3 scopes with 4 traces of 10 s,
 every sample drawn. A frame counts as painted when the page has stroked a canvas in it. The age is the time from a sample's
@@ -51,7 +51,7 @@ SHARED_MEMORY = Path("/dev/shm")
 
 @dataclass(frozen=True, kw_only=True)
 class Size:
-    """How long and how often is measured."""
+    """The length and the number of the measurements."""
 
     seconds: float = 10.0
     filled: float = 11.0
@@ -97,7 +97,7 @@ WATCH = """
 
 
 def experiment(duration: float | None = None) -> Experiment:
-    """What all of it runs: the paper's square wave at 1 kHz, on the simulated motor beside the wall clock."""
+    """The experiment of all runs: the paper's square wave at 1 kHz, on the simulated motor in real time."""
     return Experiment(
         sample_time=SAMPLE_TIME,
         duration=duration,
@@ -134,7 +134,7 @@ class Viewers:
     frames: int = 0
 
     async def share(self, program: Program, count: int, size: Size) -> dict[str, float]:
-        """What part of a core the server needs for `count` of them, and what live identification needs beside it."""
+        """The share of a core that the server needs for `count` of them, and that live identification needs in addition."""
         import httpx
         from websockets.asyncio.client import connect
 
@@ -200,7 +200,7 @@ def costs(size: Size) -> list[Figure]:
 
 @dataclass(frozen=True)
 class Shown:
-    """What a page painted: frames in a second, and how old the samples were when they were painted first [ms]."""
+    """The frames that a page painted: their number in a second, and the age of the samples when they were painted first [ms]."""
 
     rate: float
     ages: np.ndarray
@@ -228,7 +228,7 @@ def looked_at(program: Program, browser: Any, size: Size) -> tuple[Shown, np.nda
 
 
 def ages(painted: np.ndarray, newest: np.ndarray) -> np.ndarray:
-    """How old each sample was when the first frame that has it was painted [s]."""
+    """The age of each sample when the first frame that has it was painted [s]."""
     found = [
         now - np.arange(after, before, -SAMPLE_TIME)
         for now, before, after in zip(painted[1:], newest[:-1], newest[1:], strict=True)
@@ -283,7 +283,7 @@ def alone(size: Size) -> np.ndarray:
 
 
 def columns(*names: str) -> list[int]:
-    """Which of a row's channels have those names."""
+    """The columns of a row with those names."""
     from servobench.rig.devices.base import connect
     from servobench.rig.loop.opening import opening
 
@@ -298,7 +298,7 @@ SCHEDULED, WRITTEN = columns("scheduled", "written")
 
 
 def live(size: Size) -> list[Figure]:
-    """What a page shows, and what it does to the loop."""
+    """The figures of a page, and its effect on the loop."""
     seen, p99 = [], []
     for _ in range(size.pairs):
         with chromium() as browser, panel() as program:
@@ -322,7 +322,7 @@ def live(size: Size) -> list[Figure]:
 
 
 def loop_figures(p99: np.ndarray) -> list[Figure]:
-    """What the panel does to the loop, from 99th percentiles (pairs, with and without, latched and written) [us]."""
+    """The panel's effect on the loop, from 99th percentiles (pairs, with and without, latched and written) [us]."""
     ratios = p99[:, 0] / p99[:, 1]
     figures = [typical("p99 of the loop with the panel open / without", ratios[:, 0], "times", at_most=1.5)]
     for k, what in enumerate(("the loop", "deadline to voltage written")):
@@ -340,7 +340,7 @@ def typical(what: str, values: np.ndarray, unit: str, **limits: float) -> Figure
 
 
 def missing() -> str:
-    """What keeps this machine from the bench; empty where nothing does."""
+    """The reason why this machine can't run the bench; empty if it can."""
     packages = [
         name for name in ("starlette", "uvicorn", "playwright") if importlib.util.find_spec(name) is None
     ]

@@ -77,7 +77,7 @@ def main(seconds: float = QUICK) -> list[Figure]:
 
 
 def _missed(findings: tuple[object, ...]) -> int:
-    """How many samples the recording says were missed."""
+    """The number of missed samples by the recording's own findings."""
     return sum(
         int(each.sentence.split(" of ")[0])
         for each in findings

@@ -1,4 +1,4 @@
-"""How near srivc comes to the Cramér-Rao bound on the benchmark of Rao and Garnier, and how long a fit takes.
+"""The efficiency of srivc against the Cramér-Rao bound on the benchmark of Rao and Garnier, and the time of a fit.
 
     G(s) = (-6400 s + 1600) / (s⁴ + 5 s³ + 408 s² + 416 s + 1600)
 

@@ -1,4 +1,4 @@
-"""How punctual is the loop, beside the kernel's own test of the machine (`cyclictest`) at the same time on another processor?
+"""The loop's punctuality, against the kernel's own test (`cyclictest`) at the same time on another processor.
 
     python bench/realtime.py               a look of some seconds, for `make bench`
     python bench/realtime.py --write       6 pairs of 60 s of each condition; the table goes to docs/benchmarks/realtime.md
@@ -42,7 +42,7 @@ QUICK_PAIRS, QUICK_SECONDS = 2, 5
 
 @dataclass(frozen=True)
 class Condition:
-    """What goes on beside the loop: load on both processors, real-time scheduling or not, somebody who reads the rows."""
+    """The conditions of the loop: load on both processors, real-time scheduling or not, a reader of the rows."""
 
     name: str
     load: bool = False
@@ -191,7 +191,7 @@ def median_ratio(pairs: list[tuple[Latency, Latency]], quantile: int) -> float:
 
 
 def missing() -> str:
-    """What keeps this machine from the comparison; empty where nothing does."""
+    """The reason why this machine can't run the comparison; empty if it can."""
     tools = [name for name in ("cyclictest", "stress-ng") if shutil.which(name) is None]
     if tools:
         return f"{' and '.join(tools)} not installed"

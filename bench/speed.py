@@ -1,4 +1,4 @@
-"""What a tick of a simulated run costs, against the same motor in C, SciPy's and python-control's simulations of a linear one.
+"""The cost of a tick of a simulated run, against the same motor in C, SciPy's and python-control's simulations of a linear one.
 
 Processor time, all threads; one of each in turn, so that both meet the same load; the ratio is formed within each pair, and
 medians and quartiles are those of the ratios. The C is bench/speed_parts/twin.c, compiled here by `gcc -O3 -march=native`, with
@@ -53,7 +53,7 @@ KERNEL_CALLS = 20
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured."""
+    """The size of the measurement."""
 
     ticks: int
     by_ticks: int
@@ -73,7 +73,7 @@ KEPT = (
     "run in memory, noise of torque, current and speed, over C",
     "run recorded to MCAP, open loop, over C",
 )
-"""What of it is kept in bench/history.csv, at a size of its own."""
+"""The part that is kept in bench/history.csv, at a size of its own."""
 POSITION = Pid(kp=2.0, ki=0.3, kd=0.05)
 KEPT_TICKS, KEPT_PAIRS = 200_000, 9
 NOISY = {"torque_noise": 2e-5, "current_noise": 0.01, "tachometer": True, "tachometer_noise": 0.3}

@@ -1,4 +1,4 @@
-"""How long `servobench --help` takes, against an interpreter that does nothing at all.
+"""The time of `servobench --help`, against an interpreter that does nothing at all.
 
 Whole processes, one of each in turn, so that both meet the same load; the ratio is formed within each pair, and the median
 and the quartiles are those of the ratios.

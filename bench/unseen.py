@@ -1,4 +1,4 @@
-"""How soon the motor is at zero volts once the page that drives it shows it no more, by a journal of what reached the motor.
+"""The time until the motor is at zero volts once its page no longer shows it, by a journal of the voltages that reached it.
 
 A real Chromium drives the simulated motor through `servobench panel`; then the page is frozen by the developer tools, its main
 thread goes round in circles, its process is stopped, its processor is slowed 20 times, or its rows come 2 s late. The time counts

@@ -1,4 +1,4 @@
-"""What a short command costs when nothing is to be compiled, against an interpreter that only imports Numba and SciPy.
+"""The time of a short command when nothing must be compiled, against an interpreter that only imports Numba and SciPy.
 
 CPU time of whole processes, children included, one of each in turn, so that both meet the same load; the ratio is formed within
 each pair, and the median and the quartiles are those of the ratios.

@@ -1,4 +1,4 @@
-"""What every test may use: real recordings where they are at hand, and the rules that hold under CI."""
+"""Fixtures for every test: real recordings if they are available, and the rules that hold under CI."""
 
 import gc
 import multiprocessing

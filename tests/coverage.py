@@ -1,4 +1,4 @@
-"""How often intervals of 95 % may cover, and how far estimates may be off, in so many runs: what a few runs can show.
+"""Limits for coverage and error over a number of runs: as tight as a few runs allow.
 
 A few runs show little by counting: of 12 intervals 11 cover, give or take 2, whether they are right or far too wide. The mean
 square of what estimates are off, in their own standard deviations, tells that: it is 1. Their mean is 0, unless there is a bias.
@@ -31,7 +31,7 @@ def mean_square_bounds(runs: int) -> tuple[float, float]:
 
 
 def off(interval: tuple[float, float], truth: float) -> float:
-    """How far the middle of an interval of 95 % is from the truth, in the standard deviations that it states."""
+    """The distance of the middle of an interval of 95 % from the truth, in the standard deviations that it states."""
     low, high = interval
     return ((low + high) / 2 - truth) / ((high - low) / (2 * 1.96))
 

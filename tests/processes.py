@@ -1,4 +1,4 @@
-"""What processes there are; Linux tells."""
+"""The processes of this machine, by Linux."""
 
 from __future__ import annotations
 

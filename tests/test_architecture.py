@@ -64,7 +64,7 @@ def test_the_table_names_all_that_is_in_a_room(room: str) -> None:
 
 
 def about(room: str) -> str:
-    """What a room says of itself."""
+    """A room's description of itself."""
     text = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8")))
     assert text is not None
     return text

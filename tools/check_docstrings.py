@@ -80,7 +80,7 @@ SEE = re.compile(r"\b[Ss]ources?: see `([\w.]+)`")
 
 @dataclass
 class Told:
-    """What has been said where a name is looked at: the docstrings around it, and those of the kind's base."""
+    """The docstrings in which a name may be explained: those around it, and those of the kind's base."""
 
     file: str
     path: str = ""
@@ -137,7 +137,7 @@ def _states_a_law(file: Path, tree: ast.Module, source: Path) -> bool:
 
 
 def _public_docstrings(tree: ast.Module) -> list[str]:
-    """What a module, its public classes and what is public in them say, each in one line and without its examples."""
+    """The docstrings of a module, its public classes and their public members, each in one line and without examples."""
 
     def inside(node: ast.Module | ast.ClassDef) -> Iterator[str]:
         yield ast.get_docstring(node) or ""
@@ -155,7 +155,7 @@ def _is_public(file: Path, source: Path) -> bool:
 
 
 def _bases(file: Path, source: Path) -> Iterator[Path]:
-    """Where the base module of a kind may stand: beside a file, or in a folder above it."""
+    """Places for the base module of a kind: beside a file, or in a folder above it."""
     folder = file.parent
     while folder != source:
         yield folder / "base.py"
@@ -164,7 +164,7 @@ def _bases(file: Path, source: Path) -> Iterator[Path]:
 
 @cache
 def _said_in_base(file: Path) -> dict[str, str]:
-    """What the protocols in a kind's base module say of methods and fields, by name, with the docstrings of their classes."""
+    """The docstrings of methods and fields in a kind's base module, by name, with those of their classes."""
     if not file.exists():
         return {}
     found: dict[str, str] = {}
@@ -188,7 +188,7 @@ def _is_text(node: ast.stmt | None) -> bool:
 
 
 def _names(text: str, name: str) -> bool:
-    """Whether a field stands in a text by its name, or by the words of which it is made: `sample_time`, "the sample time"."""
+    """Whether a text mentions a field by its name, or by the words in it: `sample_time`, "the sample time"."""
     words = re.escape(name.rstrip("_")).replace("_", "[ _-]")
     return re.search(rf"\b{words}", text, re.IGNORECASE) is not None
 
@@ -204,7 +204,7 @@ def _members(body: list[ast.stmt], told: Told) -> Iterator[str]:
 
 
 def _speaks(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    """Whether a function has to have a docstring: a public one that is no overload and no setter."""
+    """Whether a function needs a docstring: a public one that is no overload and no setter."""
     if any(ast.unparse(mark).endswith((".setter", ".deleter", "overload")) for mark in node.decorator_list):
         return False
     return node.name in OPERATORS or not node.name.startswith("_")

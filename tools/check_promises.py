@@ -32,12 +32,12 @@ class Promise:
 
     @property
     def sentence(self) -> str:
-        """What is promised: the first paragraph."""
+        """The promise itself: the first paragraph."""
         return next((line for line in self.said if not line.startswith(LIMIT)), "")
 
     @property
     def limit(self) -> str:
-        """What it can't do."""
+        """The limit of the promise."""
         return next((line for line in self.said if line.startswith(LIMIT)), "")
 
 
@@ -92,7 +92,7 @@ def tests_in(root: Path) -> tuple[dict[tuple[str, str], set[str]], list[str]]:
 
 
 def _marked(node: ast.FunctionDef) -> Iterator[ast.expr]:
-    """What stands in the brackets of a test's marks `pytest.mark.promise(...)`."""
+    """The arguments of a test's marks `pytest.mark.promise(...)`."""
     for decorator in node.decorator_list:
         if isinstance(decorator, ast.Call) and ast.unparse(decorator.func) == "pytest.mark.promise":
             yield from decorator.args
@@ -138,7 +138,7 @@ def _wrong_numbers(page: str, listed: list[Promise]) -> list[str]:
 
 
 def _incomplete(promise: Promise, tests: dict[tuple[str, str], set[str]]) -> list[str]:
-    """What a promise lacks, and which of its tests don't prove it."""
+    """The missing parts of a promise, and those of its tests that don't prove it."""
     wrong = []
     if not promise.sentence:
         wrong.append(f"{promise.number}: says nothing")

@@ -43,7 +43,7 @@ def page() -> str:
 
 
 def _sentence(name: str) -> str:
-    """What a stage is: the first line of its file, without its name."""
+    """A stage's description: the first line of its file, without its name."""
     import sys
 
     said = (sys.modules[STAGES[name].__module__].__doc__ or "").strip().splitlines()[0]

@@ -85,7 +85,7 @@ def _rows(schema: dict[str, Any], inside: str) -> Iterator[str]:
 
 
 def _type(schema: dict[str, Any]) -> str:
-    """What a value may be, in a few words."""
+    """The type of a value, in a few words."""
     if "$ref" in schema:
         return schema["$ref"].rpartition("/")[2].replace("_", " ")
     if "const" in schema:

@@ -30,7 +30,7 @@ class Motor:
 
     @property
     def coulomb_voltage(self) -> float:
-        """What Coulomb friction takes from the voltage [V]: T R/k."""
+        """The voltage that Coulomb friction takes [V]: T R/k."""
         return self.coulomb * self.resistance / self.constant
 
     def drawn(self, random: np.random.Generator) -> "Motor":
@@ -41,7 +41,7 @@ class Motor:
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """What estimates are held against: a range for each, most often of no width, with what else is known.
+    """The true values to compare estimates with: a range for each, most often of no width, with what else is known.
 
     Where the motor changes during the record an estimate inside the range of the true values isn't wrong.
     """

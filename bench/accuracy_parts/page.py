@@ -179,7 +179,7 @@ def _shares(shares: dict[str, float]) -> str:
 
 
 def _made() -> dict[str, Any]:
-    """Where and with what."""
+    """The machine and the versions."""
     import numba
     import numpy
 

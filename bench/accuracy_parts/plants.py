@@ -43,7 +43,7 @@ class Plant(Protocol):
 
 
 def counts(angle: Array, random: np.random.Generator, noise: float = 0.0) -> Array:
-    """What an encoder says of an angle (N,) [rad], with noise of so many counts before the rounding."""
+    """An encoder's counts for an angle (N,) [rad], with noise of so many counts before the rounding."""
     jitter = noise * random.standard_normal(len(angle)) if noise else 0.0
     return np.asarray(np.floor(angle / QUANTUM + jitter))
 

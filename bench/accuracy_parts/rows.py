@@ -105,7 +105,7 @@ def _threshold() -> list[Row]:
 
 
 def _outside() -> list[Row]:
-    """What no structure has."""
+    """The rows whose motor no structure describes."""
     makers: list[tuple[str, str, Callable[[str], Plant]]] = [
         *((f"ripple_{100 * s:g}", f"ripple {100 * s:g} % of stall torque", partial(Ripple, s)) for s in (0.002, 0.01, 0.05)),
         *(

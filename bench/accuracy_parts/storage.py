@@ -1,4 +1,4 @@
-"""Where the runs of each row are kept, so that a long bench goes on where it stopped."""
+"""The store of each row's runs, so that a long bench continues from where it stopped."""
 
 import hashlib
 import json

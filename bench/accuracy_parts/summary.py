@@ -1,4 +1,4 @@
-"""What the runs of a row say together."""
+"""The figures of a row, from its runs."""
 
 from collections import Counter
 from dataclasses import dataclass

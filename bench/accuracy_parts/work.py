@@ -19,7 +19,7 @@ _SAVE = 10.0  # seconds between two writings
 
 @dataclass
 class Clock:
-    """How many runs are done and to do, and since when."""
+    """The progress of the bench: runs done and to do, and the time of its start."""
 
     todo: int
     done: int = 0

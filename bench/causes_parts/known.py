@@ -62,7 +62,7 @@ class Known:
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """What one case was told that isn't so (`false`), whether it has a cause that must be named, and whether it was."""
+    """The judgement of a case: its false causes (`false`), whether it has a cause that must be named, and whether it was named."""
 
     told: Told
     false: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What each recording is told of causes: the codes that accuse a motor, a sensor or a record of something."""
+"""The causes that each recording gets: the codes that accuse a motor, a sensor or a record of something."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `bench/damaged.py` is made of: recordings of ours, ways to damage them, and the page.
+"""The parts of `bench/damaged.py`: our own recordings, ways to damage them, and the page.
 
 The tests use the same recordings and the same damages, one seed each.
 """

@@ -70,7 +70,7 @@ def copies() -> tuple[Copy, ...]:
 
 
 def _inputs() -> list[Copy]:
-    """What is wrong with the input."""
+    """Damage to the input."""
     n = changes.nothing
     return [
         Copy(
@@ -216,7 +216,7 @@ def _echo(noise: float) -> Change:
 
 
 def _times() -> list[Copy]:
-    """What is wrong with the times."""
+    """Damage to the times."""
 
     def jitter(share: float) -> Change:
         return changes.times(lambda t, random: t + 0.002 * share * random.random(len(t)))
@@ -294,7 +294,7 @@ def _times() -> list[Copy]:
 
 
 def _outputs() -> list[Copy]:
-    """What is wrong with the output."""
+    """Damage to the output."""
     fast = Ours(signal="staircase", device=(("tachometer", True),))
     swing = Ours(signal="square ±2 V")
     return [
@@ -407,7 +407,7 @@ def _wrapped_counter(bits: int) -> Change:
 
 
 def _units() -> list[Copy]:
-    """What is wrong with a unit: seen where something else is known of the motor, or the size is absurd."""
+    """Wrong units: noticed if something else is known of the motor, or if the size is absurd."""
     sheet = {"nominal": "qube_servo_2"}
     return [
         *_pair(

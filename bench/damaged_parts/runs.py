@@ -15,7 +15,7 @@ from servobench.recordings.recording import Recording
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """What came of a recording: the verdict, the codes of all findings, and of those that are no mere information.
+    """The outcome for a recording: the verdict, the codes of all findings, and those of findings beyond mere information.
 
     `wanted` are the codes of which one is right, empty for a sound recording.
     """

@@ -1,4 +1,4 @@
-"""What a peer gets and what it gives: one record, and an answer in continuous time."""
+"""A peer's input and output: one record, and an answer in continuous time."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def _by_lag(case: Case, motor: Motor, motion: Motion) -> Array:
 
 
 def _by_excess(case: Case, motor: Motor, motion: Motion) -> Array:
-    """What the output has more (N, 1) for friction that is twice as large at rest as at speed, by a difference."""
+    """The additional output (N, 1) for friction that is twice as large at rest as at speed, by a difference."""
     t, u = rows(case)
     top = max(float(np.abs(motion.speed).max()), 1e-12)
     runs = []
@@ -124,7 +124,7 @@ def _by_excess(case: Case, motor: Motor, motion: Motion) -> Array:
 
 
 def _output(case: Case) -> int:
-    """Which column of a motion a record shows."""
+    """The column of a motion that a record holds."""
     return 0 if case.output == "speed" else 1
 
 

@@ -104,12 +104,12 @@ INPUTS: dict[str, Draw] = {
 
 
 def _held(t: Array, changes: Array) -> NDArray[np.int64]:
-    """How many changes have been, at times t (N,); one in a billion of a sample early is rounding."""
+    """The number of changes until each time t (N,); a billionth of a sample early is rounding."""
     return np.searchsorted(changes, t + 1e-9 * (t[1] - t[0]), side="right")
 
 
 def _half_periods(t: Array, tau: float, random: np.random.Generator) -> NDArray[np.int64]:
-    """How many half periods are over, each of 1 to 8 time constants and at most a third of the record."""
+    """The number of half periods that have passed, each of 1 to 8 time constants and at most a third of the record."""
     half = min(tau * np.exp(random.uniform(np.log(1.0), np.log(8.0))), t[-1] / 3)
     return _held(t, half * np.arange(1, 2 + int(t[-1] / half)))
 

@@ -1,4 +1,4 @@
-"""What the motor does and what is recorded of it."""
+"""The motor's motion and its recording."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from population_parts.inputs import Array
 from population_parts.motors import Case, Motor
 
 KICKS = 4
-"""How often in a sample time the random torque changes; it holds in between."""
+"""The number of changes of the random torque in a sample time; it holds in between."""
 
 _MARCH = 1000  # short steps in a time constant, at least; a winding's is a twentieth of it
 _FINE = 16  # places between two samples at which the play of a gear is followed

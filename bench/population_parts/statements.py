@@ -1,4 +1,6 @@
-"""What an answer states, as plain data: parameters and combinations with their intervals, bounds, and what makes them wide."""
+"""The statements of an answer as plain data: parameters and combinations with their intervals, bounds, and the intervals'
+sources.
+"""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def _judged(motor: str, parameter: str, outcomes: Sequence[Outcome]) -> Judged |
 
 @dataclass(frozen=True, kw_only=True)
 class Scatter:
-    """How far recordings of one family of motors lie apart in one parameter, whatever they state about themselves.
+    """The scatter of one parameter over the recordings of one family of motors, whatever they state about themselves.
 
     `own` is the relative standard deviation within a motor, the root mean square over the family's motors; `others` the median of
     that of the other families, which is what experience would have been without this one.

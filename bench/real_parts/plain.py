@@ -147,7 +147,7 @@ def _window(data: Dataset) -> float | None:
 
 
 def _starts(prepared: Sequence[_Prepared]) -> list[Array]:
-    """Where to start from: a grid of time constants and frictions; the gain is then linear, as friction scales with it."""
+    """Starting points: a grid of time constants and frictions; the gain is then linear, as friction scales with it."""
     found = []
     longest = max(each.data.duration for each in prepared)
     top = max(float(np.abs(each.data.u).max()) for each in prepared)

@@ -41,7 +41,7 @@ class RealRecording:
 
     @property
     def name(self) -> str:
-        """What the recording is called in tables."""
+        """The recording's name in tables."""
         return f"{self.file}#{self.recording}" if self.recording else self.file
 
     def dataset(self) -> Dataset:

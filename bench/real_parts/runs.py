@@ -37,7 +37,7 @@ class Stated:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What identification says of one recording alone.
+    """The outcome of identification for one recording alone.
 
     `verdict` is "unread" where the file couldn't be read. `stated` holds the parameters that have an interval: gain, time
     constant, `lag` (time constant + delay) and Coulomb voltage. `seconds` is processor time [s].
@@ -86,7 +86,7 @@ def _outcome(recording: RealRecording) -> Outcome:
 
 
 def _stated(result: Result) -> dict[str, Stated]:
-    """What is stated: parameters that are known, combinations, and the lag where both of its parts are known."""
+    """The statements of a result: known parameters, combinations, and the lag if both of its parts are known."""
     answers = result.answers
     found = {
         name: _from(*answers[name].estimate.interval, answers[name].estimate.value)

@@ -98,7 +98,7 @@ HEAVY = {
     [pytest.param(each, marks=[pytest.mark.long] if each in HEAVY else []) for each in runner.programs()],
 )
 def test_every_program_below_the_benches_runs_at_its_smallest_size(program: str) -> None:
-    """What a change of the package breaks shows here, not months later: a bench that nobody runs is no bench."""
+    """A change of the package that breaks a bench shows here, not months later."""
     done = forks.run([str(BENCH / "run.py"), "--smallest", program], cwd=Path.cwd(), timeout=1800)
     if "nothing was measured" in done.stderr:
         pytest.skip(done.stderr.strip().splitlines()[-1])

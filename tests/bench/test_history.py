@@ -1,4 +1,4 @@
-"""What speeds were is kept, and a thing that takes twice as long as it did is said so."""
+"""Speeds are kept, and a bench that takes twice as long as before is reported."""
 
 from functools import partial
 from pathlib import Path

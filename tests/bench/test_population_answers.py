@@ -1,4 +1,4 @@
-"""What is said of single motors of the population: each was once trusted and wrong, and its cause has been mended.
+"""Single motors of the population whose results were once trusted and wrong; the causes have been mended.
 
 The truth is that of the bench's own simulator, which shares nothing with the package.
 """

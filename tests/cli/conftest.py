@@ -1,4 +1,4 @@
-"""How the tests of the command line run it: in this process, or as a user does."""
+"""The tests' ways to run the command line: in this process, or as a user does."""
 
 import json
 import os
@@ -20,7 +20,7 @@ from servobench.cli import main
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended, and what it said."""
+    """The end of a command, and its output."""
 
     status: int
     out: str

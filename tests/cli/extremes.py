@@ -170,7 +170,7 @@ def _hurt_result(document: dict[str, object], random: np.random.Generator) -> di
 
 
 def _numbers_in(inside: Any, key: Any) -> Iterator[tuple[Any, Any]]:
-    """Where the numbers in a part of a document stand."""
+    """The places of the numbers in a part of a document."""
     found = inside[key]
     if isinstance(found, dict | list):
         for inner in found if isinstance(found, dict) else range(len(found)):

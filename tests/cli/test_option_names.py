@@ -1,4 +1,4 @@
-"""What a message calls by Python's keyword, the command line calls by its option and the panel by its field."""
+"""An argument has its Python keyword in messages to scripts, its option on the command line, its field in the panel."""
 
 import inspect
 from collections.abc import Iterator

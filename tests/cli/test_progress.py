@@ -1,4 +1,4 @@
-"""What a command says while it works is true, and comes only where it is wanted."""
+"""A command's progress messages are true, and appear only if they are wanted."""
 
 import io
 from threading import Event

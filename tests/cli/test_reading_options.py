@@ -1,4 +1,4 @@
-"""What has to be said of a recording is said in the same words to every command that takes one."""
+"""A recording is described with the same options in every command that takes one."""
 
 import json
 from pathlib import Path

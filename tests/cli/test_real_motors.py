@@ -1,4 +1,4 @@
-"""What the recordings of real motors that were tried last have to be answered with, by the command line as a user types it.
+"""The required answers to the recordings of real motors that were tried last, by the command line as a user types it.
 
 The figures that intervals are held to stand in the folders' own README files: published ones, and those of independent fits by
 least squares.

@@ -1,4 +1,4 @@
-"""What each folder of other people's recordings has to be answered with, by the command line as a user types it.
+"""The required answers to each folder of other people's recordings, by the command line as a user types it.
 
 Published figures stand in the folders' own README files; a comment says where a tolerance comes from.
 """

@@ -51,11 +51,11 @@ def section_before_first() -> str:
 
 
 READING = {f"--{field.name.replace('_', '-')}" for field in fields(Reading)}
-"""What every command that takes a recording has; described once for all of them."""
+"""The options of every command that takes a recording; described once for all of them."""
 
 
 LISTS = ("devices", "signals", "controllers", "structures", "estimators", "formats", "exports", "studies")
-"""What has one section together."""
+"""The options that one section describes together."""
 
 
 @pytest.mark.parametrize("name", LISTS)

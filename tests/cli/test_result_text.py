@@ -1,4 +1,4 @@
-"""How results and findings look."""
+"""The appearance of results and findings."""
 
 import json
 import re

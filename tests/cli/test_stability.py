@@ -50,7 +50,7 @@ def test_too_much_gain_is_unstable_as_it_runs(servobench: Command, finished_run:
 
 
 def told(text: str) -> dict[str, Any]:
-    """What the packaged schema allows of standard output, which holds nothing else, in numbers that are finite."""
+    """The document on standard output, which holds nothing else, checked by the packaged schema and for finite numbers."""
     schema = json.loads(
         files("servobench").joinpath("cli/schemas/stability-1.json").read_text(encoding="utf-8")
     )

@@ -1,4 +1,4 @@
-"""What holds for every check of a bench, those of later files and of plug-ins included: one bench passes, another one fails."""
+"""Every check of a bench, including those of later files and plug-ins: one bench passes, another one fails."""
 
 from collections.abc import Callable
 from functools import cache

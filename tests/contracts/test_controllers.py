@@ -1,4 +1,4 @@
-"""What holds for every controller, those of later files and of plug-ins included."""
+"""Every controller, including those of later files and plug-ins."""
 
 import pickle  # noqa: TID251 - a process that runs the loop gets its experiment this way
 from typing import Any

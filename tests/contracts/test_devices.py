@@ -1,4 +1,4 @@
-"""What holds for every device, those of later files and of plug-ins included."""
+"""Every device, including those of later files and plug-ins."""
 
 import math
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""What every estimator promises: what it declares it can do, and what it doesn't declare it refuses or says it left out.
+"""An estimator does all that it declares; anything else it refuses, or says that it left it out.
 
 Data and structure are chosen by the declaration, so a new member is covered by being there. The true motor is first-order, exact:
 closed forms between events, or the reference motor where there is friction or a random torque.
@@ -60,7 +60,7 @@ def multisine(t: Array) -> Array:
 
 @dataclass(frozen=True)
 class Excitation:
-    """What drives the motor: a signal in volts, or one in radians that a proportional controller of the position follows."""
+    """The motor's excitation: a signal in volts, or one in radians that a proportional controller of the position follows."""
 
     signal: Callable[[Array], Array]
     controlled: bool = False
@@ -139,7 +139,7 @@ def packed(
 
 
 def preferred(can: Abilities) -> str:
-    """What the estimator works on best: a position where it can."""
+    """The data on which the estimator works best: a position if it can."""
     return "position" if can.position else "speed"
 
 
@@ -293,7 +293,7 @@ def test_a_random_torque(name: str) -> None:
 
 
 def told_of(name: str, data: Sequence[Dataset], friction: bool = False) -> str:
-    """What an estimator says of data that it doesn't declare it can do: its refusals, or its fit's findings."""
+    """The estimator's answer to data for which it doesn't declare an ability: its refusals, or its fit's findings."""
     try:
         return " ".join(finding.sentence for finding in fitted(ESTIMATORS[name], data, friction).findings)
     except NotIdentifiable as error:

@@ -1,4 +1,4 @@
-"""What every file format promises, whoever wrote it."""
+"""Every file format, including those of plug-ins."""
 
 import tempfile
 import tracemalloc

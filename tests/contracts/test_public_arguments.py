@@ -40,7 +40,7 @@ MORE: dict[str, dict[str, Any]] = {
     "simulate": {"drive": np.zeros(4), "t": np.arange(4.0)},
     "why": {"claims": ["tau=0.13"]},
 }
-"""What a function needs beside its first argument."""
+"""The other arguments that a function needs."""
 
 NO_MISTAKE = {"design": ("None",), "inspect": ("a frame without the column",)}
 """Without data a design is for the data sheet, and any table can be looked at."""
@@ -121,7 +121,7 @@ def test_the_right_arguments_are_right(name: str) -> None:
     ("name", "argument"), [(name, each) for name in sorted(right_arguments()) for each in arguments(name)]
 )
 def test_no_wrong_argument_passes_a_foreign_error(name: str, argument: str) -> None:
-    """What happens to be right may pass, such as None where there is a default; what is wrong is said in a sentence."""
+    """A value that happens to be right may pass, such as None where it is the default; a wrong one gets a sentence."""
     right, wrong = right_arguments()[name], [*WRONG.values(), -1, float("nan"), {1: 2}, True]
     for each in wrong:
         with suppress(ServobenchError):

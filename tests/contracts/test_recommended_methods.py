@@ -1,4 +1,4 @@
-"""Whoever does what an exercise's text says gets full marks, whichever motor `lab --assess` gives them.
+"""The method that an exercise recommends earns full marks, whichever motor `lab assess` assigns.
 
 `tests/lab/recommended_methods.py` has the methods, on counts and voltages alone; the marks are those of the exercise's own rules.
 How many were tried once, and where, is in docs/decisions/0035-one-right-method.md; here are as many as a test can wait for.

@@ -1,4 +1,4 @@
-"""What holds for every signal, those of later files and of plug-ins included."""
+"""Every signal, including those of later files and plug-ins."""
 
 import math
 import pickle  # noqa: TID251 - a process that runs the loop gets its experiment this way

@@ -1,4 +1,4 @@
-"""What every stage of a measurement chain promises, whoever wrote it."""
+"""Every stage of a measurement chain, including those of plug-ins."""
 
 from dataclasses import FrozenInstanceError
 

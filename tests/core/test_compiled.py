@@ -25,7 +25,7 @@ print(double(3.0), triple(3.0), len(double.stats.cache_hits), code_is_kept())
 """
 
 ONCE = "compiling the numeric kernels; this is done once and kept\n"
-"""What the first call in a fresh install says, and no other."""
+"""The message of the first call in a fresh install, and of no other."""
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""What JSON can't hold is null in it, at any depth."""
+"""Values that JSON can't hold become null in it, at any depth."""
 
 import math
 

@@ -68,7 +68,7 @@ LAW = '"""A lag: |G| = 1/√(1 + ω²τ²){source}."""\n'
 
 
 def without_source(text: str, folder: Path, name: str = "systems/filters/lag.py") -> list[str]:
-    """What the check says of a module of a package that says nothing else that is wrong."""
+    """The check's faults for a module of an otherwise faultless package."""
     file = folder / "package" / name
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text, encoding="utf-8")
@@ -81,7 +81,7 @@ SHARED = '"""Some loops{shape}."""\n\n\ndef loop(x: Array) -> None:\n    """Go r
 
 
 def faults_of_last(files: dict[str, str], last: str, package: Path) -> list[str]:
-    """What the check says of the last of these files."""
+    """The check's faults for the last of these files."""
     for name, text in files.items():
         (package / name).parent.mkdir(parents=True, exist_ok=True)
         (package / name).write_text(text, encoding="utf-8")

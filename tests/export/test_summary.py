@@ -1,4 +1,4 @@
-"""What is read of a result, and what is refused."""
+"""The summary reads a result, or refuses it."""
 
 import json
 from pathlib import Path

@@ -63,7 +63,7 @@ def gaps(recording: Recording) -> dict[int, int]:
 
 
 def reported(recording: Recording) -> int:
-    """How many missed ticks the run says."""
+    """The number of missed ticks that the run reports."""
     (finding,) = [finding for finding in recording.findings if finding.code == "samples-missed"]
     said = re.match(r"(\d+) of (\d+) samples were missed", finding.sentence)
     assert said is not None

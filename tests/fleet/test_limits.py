@@ -1,4 +1,4 @@
-"""What a file of limits says, and what comes of a row."""
+"""Files of limits, and the decision for a row."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a row says of a result."""
+"""A row's contents for a result."""
 
 import numpy as np
 import pytest

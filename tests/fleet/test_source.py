@@ -1,4 +1,4 @@
-"""Where recordings are found, on this machine and behind fsspec."""
+"""The recordings of a source, on this machine and behind fsspec."""
 
 import io
 import zipfile

@@ -1,4 +1,4 @@
-"""What a process imports from which the workers of a fleet are forked: with it comes all that identifying a recording needs."""
+"""The process from which the workers of a fleet are forked imports all that identifying a recording needs."""
 
 from __future__ import annotations
 

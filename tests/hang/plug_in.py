@@ -17,7 +17,7 @@ Call = Literal["none", "enter", "start", "read", "write", "stop", "exit"]
 
 
 class HangingSettings(Settings):
-    """Which call misbehaves, how, from when on, and where the journal is."""
+    """The call that misbehaves, how, from when on, and the journal's path."""
 
     journal: str
     """File to which each call is added as a line."""

@@ -50,7 +50,7 @@ class Bench:
         return self.folder / "run"
 
     def lines(self) -> list[Line]:
-        """What has been journalled so far; a line that is being written is left out."""
+        """The lines journalled so far; a line that is being written is left out."""
         text = self.journal.read_text() if self.journal.exists() else ""
         words = [line.split() for line in text[: text.rfind("\n") + 1].splitlines()]
         return [Line(float(each[0]), int(each[1]), tuple(each[2:])) for each in words]
@@ -179,7 +179,7 @@ class Terminal:
 
 
 def gone(process: int, within: float) -> bool:
-    """Whether a process has ended by then [s]; a dead one that nobody has buried has."""
+    """Return whether a process has ended by then [s]; a dead one that isn't reaped has."""
     deadline = time.monotonic() + within
     while time.monotonic() < deadline:
         try:

@@ -1,4 +1,4 @@
-"""What somebody beside the motor has to act on is said first: on the terminal, in the result and in the report."""
+"""Messages that somebody must act on come first: on the terminal, in the result and in the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a record begins with is part of the model: a rest, an input that isn't in the file, a rest that somebody knows of."""
+"""The beginning of a record is part of the model: a rest, an input that isn't in the file, a rest that the user reports."""
 
 from __future__ import annotations
 

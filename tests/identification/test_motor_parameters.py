@@ -31,7 +31,7 @@ TRUTH = {
 
 
 def shown(current: NDArray[np.float64], noise: float, random: np.random.Generator) -> NDArray[np.float64]:
-    """What a converter with 12 bits makes of a current with white noise [A]."""
+    """The reading of a converter with 12 bits of a current with white noise [A]."""
     return np.round((current + noise * random.standard_normal(len(current))) / STEP) * STEP
 
 
@@ -73,7 +73,7 @@ def stalled(
     ("kind", "structure"), [("prbs", "first_order_coulomb"), ("square", "first_order_one_way")]
 )
 def test_intervals_from_a_measured_current_cover(kind: str, structure: str, runs: int, fewest: int) -> None:
-    """Where each covers with 95 %, fewer than 16 of 20 come once in 390 sets, fewer than 51 of 60 once in 1300 (binomial)."""
+    """If each covers with 95 %, fewer than 16 of 20 happen once in 390 sets, fewer than 51 of 60 once in 1300 (binomial)."""
     hits = dict.fromkeys(TRUTH, 0)
     for seed in range(runs):
         found = motor_parameters(fitted(with_current(seed, kind), structure))

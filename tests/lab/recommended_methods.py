@@ -103,7 +103,7 @@ class Student:
 
 
 def course(recording: Any) -> Course:
-    """What a recording's table has."""
+    """The columns of a recording's table."""
     counts = np.asarray(recording["counts"].values, dtype=float)
     bits = recording["counts"].channel.counter_bits
     jumps = np.diff(counts)
@@ -128,7 +128,9 @@ def first(condition: NDArray[np.bool_]) -> int:
 
 
 def cursor(seen: Course, speed: Array, start: float, end: float) -> float:
-    """How long after a step a speed is first seen past 63.2 % of its way [s]: a cursor stands on a sample."""
+    """The time from a step to the first sample at which the speed has passed 63.2 % of its change [s]: a cursor lies on a
+    sample.
+    """
     before = seen.mean_speed(start - 0.4, start) if start > 0.4 else 0.0
     after = seen.mean_speed(end - 0.5, end)
     part = speed[seen.at(start) : seen.at(end)]
@@ -137,7 +139,7 @@ def cursor(seen: Course, speed: Array, start: float, end: float) -> float:
 
 
 def asymptote(seen: Course, start: float, cursors: tuple[float, float]) -> float:
-    """How long after a step the line through two points of the angle meets the angle before the step [s]."""
+    """The time from a step until the line through two points of the angle meets the angle before the step [s]."""
     a, b = cursors
     slope = seen.mean_speed(a, b)
     return a - start - float(seen.angle[seen.at(a)] - seen.angle[seen.at(start)]) / slope
@@ -317,7 +319,7 @@ def step(student: Student) -> Answers:
 
 def pulse(student: Student) -> Answers:
     def moved(seen: Course) -> float:
-        """How long the shaft moved: from the beginning of the pulse to the last count [s]."""
+        """The time for which the shaft moved: from the beginning of the pulse to the last count [s]."""
         return float(seen.t[np.flatnonzero(np.diff(seen.angle))[-1] + 1]) - 0.2
 
     own = student.own

@@ -211,7 +211,7 @@ def everything(folder: Path) -> Iterator[tuple[Path, bytes]]:
 
 
 def spellings(value: float) -> set[bytes]:
-    """How a number is usually written, with 6 digits and more, in SI units and with the usual prefixes; and its bytes."""
+    """The usual ways to write a number, with 6 digits and more, in SI units and with the usual prefixes; and its bytes."""
     found = set()
     for factor in (1.0, 1e3, 1e6):
         scaled = value * factor
@@ -750,7 +750,7 @@ def test_a_comma_is_a_decimal_mark_where_it_does_not_separate(
 
 
 def asked(*right: float | None, allowed: float = 0.5) -> tuple[Question, ...]:
-    """What a student is asked whose right answers these are; None is a blank that their recording doesn't tell."""
+    """Questions with these right answers; None is a blank whose answer the recording doesn't show."""
     blank = Blank(id="one", label="", answer="1", tolerance="exact")
     return tuple(
         Question(blank=blank, why_not="nothing tells it")

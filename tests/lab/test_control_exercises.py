@@ -244,7 +244,7 @@ def test_gain_margins_as_it_runs_are_those_of_the_sampled_loop() -> None:
 
 
 def _outermost(k: float, under: np.ndarray, above: np.ndarray) -> float:
-    """How far the outermost root of a sampled loop with k times its gain is outside of the unit circle."""
+    """The distance of the outermost root of a sampled loop with k times its gain from the unit circle, outside of it."""
     return float(np.abs(np.roots(np.polyadd(under, k * above))).max() - 1)
 
 

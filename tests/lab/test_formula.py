@@ -14,7 +14,7 @@ TIMES, OF = "\u2062", "\u2061"
 
 
 def said(element: ET.Element) -> str:
-    """What MathML means, all brackets written out: by the standard's meaning of its elements alone."""
+    """The meaning of a MathML element, all brackets written out, by the standard's meaning of the elements alone."""
     inner = [said(each) for each in element if each.tag != "mspace"]
     match element.tag:
         case "mfrac":

@@ -388,7 +388,7 @@ def test_the_tail_of_a_step_shows_no_time_constant_and_the_rise_does() -> None:
 
 
 def _rise_left(t: Array, true: Array, tau: float) -> float:
-    """What a model with that time constant leaves of the rise [counts], at its best start position and start speed."""
+    """The part of the rise that a model with that time constant leaves [counts], at its best start position and start speed."""
     part = t < 0.5 + 3 * TAU
     since = np.maximum(t[part] - 0.5 - FAST, 0.0)
     position = GAIN * (2 - VOLTAGE) * (since - tau * (1 - np.exp(-since / tau)))

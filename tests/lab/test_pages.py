@@ -111,7 +111,7 @@ def test_a_page_shows_all_that_its_exercise_has(found: Exercise) -> None:
     stand = stand_on_the_twin(found)
 
     def shows(text: str) -> bool:
-        """Whether it stands there; an index, as in ω_n, is told by its place and not by a sign."""
+        """Whether the text contains it; an index, as in ω_n, is shown by its position and not by a sign."""
         return "".join(re.sub(r"(?<![A-Za-z]{2})_(?=[a-z])", "", text).split()) in words
 
     assert all(shows(blank.label) for blank in found.blanks)
@@ -255,7 +255,7 @@ def replaced_name(made: WorkedExercise, name: str) -> WorkedExercise:
 
 
 def interrupted_once(write: Callable[..., str]) -> Callable[..., str]:
-    """What writes a page, as if Ctrl-C was pressed the first time."""
+    """Return a writer of a page that is interrupted at the first call, as by Ctrl-C."""
     calls = []
 
     def again(*given: object) -> str:

@@ -1,4 +1,4 @@
-"""What is read off a step response, on responses that are known."""
+"""Readings off step responses that are known."""
 
 import math
 

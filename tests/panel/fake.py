@@ -88,7 +88,7 @@ class Motor:
 
 
 class Bench:
-    """What all viewers see: one motor, one lease, some recordings."""
+    """The bench that all viewers see: one motor, one lease, some recordings."""
 
     def __init__(self) -> None:
         self.motor = Motor()
@@ -263,7 +263,7 @@ class Bench:
         self.pending = {"kind": "applied", **acknowledged, "what": what, "why": self.refuse or None}
 
     def end_recording(self) -> dict[str, Any]:
-        """What became of the recording."""
+        """The outcome of the recording."""
         name = str((self.recording or {}).get("name"))
         seconds = (self.recording or {}).get("samples", 0) * SAMPLE_TIME
         entry = {
@@ -518,7 +518,7 @@ class Headers:
 
 
 def identified(name: str) -> dict[str, Any]:
-    """What an identification answers, as far as the page looks at it."""
+    """The answer to an identification, as far as the page reads it."""
     units = {"gain": "rad/(s·V)", "time_constant": "s", "coulomb_voltage": "V", "delay": "s"}
     own = {"prbs-disc": ("doubtful", (22.10, 0.0909, 0.145, 0.00053), (0.04, 0.0004, 0.004, 0.00004))}
     usual = ("trusted", (22.04, 0.0898, 0.120, 0.00050), (0.03, 0.0003, 0.003, 0.00003))

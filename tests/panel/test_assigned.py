@@ -46,7 +46,7 @@ def check_tells_nothing(what: str, content: bytes) -> None:
 
 
 def stands_in(each: bytes, content: bytes) -> bool:
-    """Whether some bytes are told; digits only as a number of their own.
+    """Whether the content contains those bytes; digits only as a number of their own.
 
     Six digits of ours are somewhere within others' in one of a million places, and a session's numbers have more than 1e5.
     """
@@ -72,7 +72,7 @@ async def recorded(program: Program, page: Page) -> str:
 
 
 async def all_answers(program: Program, name: str) -> dict[str, bytes]:
-    """What each route answers to who may do everything."""
+    """The answer of each route to a client with all rights."""
     found = {}
     async with httpx.AsyncClient(base_url=program.base, timeout=3 * PATIENCE) as client:
         await client.get(f"/?token={program.key}")

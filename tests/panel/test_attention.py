@@ -1,4 +1,4 @@
-"""Who drives has to see the motor: what a page says of its own drawing, and what becomes of the motor where it says nothing."""
+"""The driver has to see the motor: the page reports its own drawing, and without reports the motor stops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is too much, too deep or never ends is refused while it comes, and the loop doesn't notice."""
+"""A body that is too large, too deep or endless is refused while it arrives, and the loop isn't disturbed."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ ORDINARY = 0  # SCHED_OTHER
 
 @dataclass
 class Worker:
-    """What was seen of the process that reads an upload."""
+    """Observations of the process that reads an upload."""
 
     largest: int = 0  # bytes
     niceness: int = 0
@@ -68,13 +68,13 @@ def rows_of(server: int) -> Iterator[RowRing]:
 
 
 def waits(loop: int) -> int:
-    """How often the loop's thread has let go of the processor by itself so far."""
+    """The number of times that the loop's thread has released the processor by itself so far."""
     status = Path(f"/proc/{loop}/task/{loop}/status").read_text()
     return int(status.split("\nvoluntary_ctxt_switches:")[1].split()[0])
 
 
 class Uploads:
-    """What uploads files as a page does, and looks at the process that reads each."""
+    """A client that uploads files as a page does, and observes the process that reads each."""
 
     def __init__(self, program: Program) -> None:
         self._server = program.process.pid

@@ -1,4 +1,4 @@
-"""What other pages in the same browser can do to a panel: nothing, and the same attacks do reach a server that has no gate.
+"""Attacks by other pages in the same browser: they fail against a panel, and succeed against a server without a gate.
 
 The browser has a session of the panel, as that of somebody who works with it. The attacker's page is what a browser makes of
 it: cookies, Origin and Sec-Fetch-Site are Chromium's own. What counts is what the server saw of it and let through.
@@ -230,7 +230,7 @@ def test_a_name_that_was_rebound_to_this_machine_reaches_nothing(
 
 
 def test_the_same_attacks_reach_a_server_without_a_gate(browser: Any, attacker: int) -> None:
-    """What shows that the attacks above are made at all."""
+    """This shows that the attacks above really happen."""
     naked = Log()
     with served(naked.around(open_to_all)) as address:
         context = browser.new_context()

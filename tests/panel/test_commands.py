@@ -1,4 +1,4 @@
-"""What is wrong with what a page asks for, told by the names and numbers that the page has."""
+"""Mistakes in a page's commands, reported with the names and numbers on the page."""
 
 from __future__ import annotations
 

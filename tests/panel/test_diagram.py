@@ -46,7 +46,7 @@ def settings(found: Diagram, block: str) -> dict[str, tuple[object, str]]:
 
 
 def leaves(value: object, path: str = "") -> Iterator[tuple[str, object]]:
-    """What a model holds, by the rules of pydantic's own dump: an enumeration that the diagram has no part in."""
+    """The leaves of a model, by the rules of pydantic's own dump: an enumeration that doesn't use the diagram."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from leaves(inner, f"{path}.{key}")
@@ -139,7 +139,7 @@ def test_signals_within_a_signal_are_told_one_by_one() -> None:
 
 
 def test_every_setting_of_an_experiment_is_in_some_block() -> None:
-    """What a person can set, they can see: all leaves of an experiment in which none has its default."""
+    """Every setting is visible: all leaves of an experiment in which none has its default."""
     asked = Experiment(
         name="everything",
         notes="all of it",
@@ -232,7 +232,7 @@ def test_an_empty_chain_leads_from_the_angle_to_the_scope() -> None:
 
 
 def _frequency_response(stage: Any, omega: float, sample_time: float) -> complex:
-    """What a stage makes of a sine, in the steady state: the complex amplitude, by least squares over whole periods."""
+    """The response of a stage to a sine, in the steady state: the complex amplitude, by least squares over whole periods."""
     period = 2 * np.pi / omega
     samples = round(period / sample_time)
     t = np.arange(6 * samples) * (period / samples)
@@ -366,5 +366,5 @@ def test_a_block_that_is_not_there_is_refused_with_those_that_are() -> None:
 
 
 def test_members_are_models() -> None:
-    """What the enumeration above rests on."""
+    """The enumeration above depends on this."""
     assert all(isinstance(example(name), BaseModel) for name in SIGNALS.names())

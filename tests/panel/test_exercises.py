@@ -1,4 +1,4 @@
-"""What the routes of the exercises answer."""
+"""The answers of the exercises' routes."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""What scopes show is what the measurement makes of the same rows, whatever blocks they come in."""
+"""Scopes show the measurement of the same rows, in whatever blocks they arrive."""
 
 from __future__ import annotations
 

@@ -43,11 +43,11 @@ FOREIGN = {
     "an unknown site": {"sec-fetch-site": ""},
 }
 REBOUND = {"host": "evil.test:{port}", "origin": "http://evil.test:{port}", "sec-fetch-site": "same-origin"}
-"""What a page sends whose own name was made to mean this machine: to its browser it's all of one origin."""
+"""The request of a page whose own name resolves to this machine: to its browser it's all of one origin."""
 
 
 VIEWERS = ("/api/stop", "/api/preview", "/api/exercises/{name}/check")
-"""What a page may ask for that may only watch: STOP, and what changes nothing."""
+"""The requests that a page may make if it may only watch: STOP, and those that change nothing."""
 
 
 def path_of(way: Way) -> str:
@@ -306,7 +306,7 @@ def test_a_code_is_typed_as_people_do_and_nobody_guesses_it() -> None:
 
 
 FROM_FILE = {"origin": "null", "sec-fetch-site": "cross-site"}
-"""What a browser says of a form in a page of the file system, by Fetch and by Fetch Metadata."""
+"""A browser's headers for a form in a page of the file system, by Fetch and by Fetch Metadata."""
 
 
 def brought(served: Served, key: str, **changes: str) -> httpx.Response:

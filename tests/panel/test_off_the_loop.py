@@ -43,7 +43,7 @@ WAITS = (
 
 
 class Watched:
-    """What one thread was seen to do that may wait."""
+    """The actions of one thread that may block."""
 
     def __init__(self) -> None:
         self.thread = 0

@@ -75,7 +75,7 @@ class Panel:
         self.until(lambda: any(sign.get("row", 0) >= last for sign in self.bench.signs[-1:]))
 
     def table(self) -> tuple[list[str], list[list[float]]]:
-        """What is seen, as its CSV has it."""
+        """The visible part, as in its CSV."""
         with self.page.expect_download() as download:
             self.button("Save what is seen as CSV").click()
         head, *lines = csv.reader(io.StringIO(Path(download.value.path()).read_text("utf-8")))
@@ -397,7 +397,7 @@ def test_cursors_tell_times_and_differences_and_move_by_keyboard(panel: Panel) -
 
 
 def over(panel: Panel, scope: str) -> dict[str, float]:
-    """Where a scope's traces are drawn, in pixels of the page."""
+    """The positions of a scope's traces, in pixels of the page."""
     return dict(panel.page.get_by_role("region", name=scope).locator(".u-over").bounding_box())
 
 

@@ -130,7 +130,7 @@ def test_traces_of_one_scope_are_told_apart_whatever_colours_one_sees(
 
 
 def findings(page: Any) -> list[str]:
-    """What axe finds that is serious or critical: the rule, and where."""
+    """The findings of axe that are serious or critical: the rule, and where."""
     from axe_playwright_python.sync_playwright import Axe
 
     found = Axe().run(page).response["violations"]

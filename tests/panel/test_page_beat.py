@@ -1,4 +1,4 @@
-"""What the page says of itself, and that what it shows of a start, a stop and a server that is gone is so."""
+"""The page's own beats, and the truth of what it shows of a start, a stop and a server that is gone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page says of the motor is so, or it says that it doesn't know; a STOP that nobody heard is told."""
+"""The page's statements on the motor are true, or it says that it doesn't know; a STOP that nobody heard is reported."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def reading(panel: Panel) -> str:
 
 
 def knows_nothing(panel: Panel) -> None:
-    """What was so is no longer told as if it were."""
+    """The page no longer shows an earlier state as if it were the present one."""
     panel.until(lambda: said(panel, "#run") == "Unknown" and reading(panel) == "not known now")
     assert said(panel, "#start") == "Start"
     assert panel.page.locator("#start").is_disabled()

@@ -1,4 +1,4 @@
-"""What is set on the page: its unit, what is wrong with it, and what it would lead to."""
+"""Settings on the page: the unit, the mistakes, and the consequences."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ async def turning(page: Page) -> None:
 
 
 def ticks_to_rest(page: Page, command: int) -> int:
-    """How many ticks after the first row that had that command in force zero volts were put out, and stayed."""
+    """The number of ticks from the first row with that command in force until zero volts were applied, and stayed."""
     applied, number = page.column("applied"), page.column("command")
     first = int(np.argmax(number >= command))
     assert number[first] >= command

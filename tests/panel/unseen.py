@@ -178,7 +178,7 @@ def onlooking(program: Program) -> Iterator[Onlooker]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a motor whose page doesn't see it any more.
+    """The outcome for a motor whose page no longer shows it.
 
     `zero` is the time from what was done to the page until zero volts stood in the journal [s], infinite where they didn't;
     `behind` how old what the page showed was at most while the motor was driven [s]; `why` what the panel says.
@@ -286,7 +286,7 @@ def watched(onlooker: Onlooker, journal: Journal, done: float) -> float | None:
 
 
 def furthest(beats: list[tuple[float, int]], onlooker: Onlooker, begin: float, end: float) -> float:
-    """How old the first row was that the page hadn't drawn, by its own beats, at most between two monotonic times [s].
+    """The age of the oldest row that the page hadn't drawn, by its own beats, at most between two monotonic times [s].
 
     Infinite where it never said what it had drawn.
     """

@@ -1,4 +1,4 @@
-"""What somebody has at hand in Python comes in as a file does, and a mistake is a sentence that names the argument."""
+"""Data at hand in Python come in as a file does, and a mistake gets a sentence that names the argument."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ TABLES = {
 
 
 def same(data: Dataset) -> None:
-    """What came in is what was there, but for the steps of a clock of whole nanoseconds."""
+    """Assert that the data are unchanged, but for the steps of a clock of whole nanoseconds."""
     assert np.allclose(data.t_input, T, rtol=0, atol=1e-9)
     assert np.array_equal(data.u, U)
     assert np.array_equal(data.y, Y)

@@ -1,4 +1,4 @@
-"""What reports are written of: data from the exact solution of a first-order motor, computed here."""
+"""Data for reports: from the exact solution of a first-order motor, computed here."""
 
 from collections.abc import Sequence
 

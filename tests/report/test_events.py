@@ -1,4 +1,4 @@
-"""What a report says of the events of a run: commands with their ticks, faults, acknowledgements."""
+"""The events of a run in a report: commands with their ticks, faults, acknowledgements."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""What is said of a model under its figures: bandwidth, rise time, and the margins of feedback, each with its interval."""
+"""The statements under a model's figures: bandwidth, rise time, and the margins of feedback, each with its interval."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a report says of the limits of a run."""
+"""The limits of a run in a report."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What a report and a terminal say of how punctual a run was."""
+"""The punctuality of a run in a report and on the terminal."""
 
 from __future__ import annotations
 

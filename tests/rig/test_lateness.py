@@ -1,4 +1,4 @@
-"""How late samples were: by a time that the tests make, against what was done to it."""
+"""The lateness of samples, with times that the tests make."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ PATIENCE = 240.0  # s; in a fresh clone all kernels are compiled before the devi
 
 @dataclass
 class Terminal:
-    """What a panel prints, read as it comes: all of it, and the links in it that nobody has taken yet."""
+    """The output of a panel, read as it comes: all of it, and the links in it that weren't used yet."""
 
     process: subprocess.Popen[str]
     said: str = ""
@@ -231,7 +231,7 @@ class Page:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the simulated motor is: gain [rad/(s·V)], time constant [s] and Coulomb voltage [V]."""
+    """The simulated motor's true parameters: gain [rad/(s·V)], time constant [s] and Coulomb voltage [V]."""
 
     gain: float
     time_constant: float
@@ -239,7 +239,7 @@ class Truth:
 
 
 def truth_of_the_twin() -> Truth:
-    """What the equations of a DC motor say of the default twin's physical parameters.
+    """The parameters that follow from the equations of a DC motor and the default twin's physical parameters.
 
     J dω/dt = k i - b ω - τ_c sgn ω and L di/dt = u - R i - k ω have the gain k/(R b + k²), the poles of
     L J s² + (R J + L b) s + R b + k², of which the slower one is the time constant, and lose R τ_c/k to Coulomb friction.

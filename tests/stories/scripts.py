@@ -9,17 +9,17 @@ from pathlib import Path
 
 
 def run_script(text: str, folder: Path, python: Path) -> str:
-    """What a script prints; fails with what it wrote to the standard error where it doesn't end well."""
+    """The output of a script; fails with its standard error if it doesn't end well."""
     return run([python, "-c", text], folder)
 
 
 def run_command(folder: Path, python: Path, *words: str) -> str:
-    """What a command prints that a user types in a folder; fails where it doesn't end well."""
+    """The output of a command that a user types in a folder; fails if it doesn't end well."""
     return run([python, "-m", "servobench", *words], folder)
 
 
 def run(words: Sequence[str | Path], folder: Path) -> str:
-    """What a program prints in a folder; fails with what it wrote to the standard error where it doesn't end well."""
+    """The output of a program in a folder; fails with its standard error if it doesn't end well."""
     home = folder / "home"
     home.mkdir(exist_ok=True)
     environment = {**os.environ, "HOME": str(home), "XDG_CACHE_HOME": str(home), "MPLBACKEND": "agg"}

@@ -90,7 +90,7 @@ def test_a_frame_becomes_a_model_a_picture_and_a_frame(library: str, tmp_path: P
 
 
 def test_a_folder_becomes_a_table_in_which_a_bad_file_is_a_row(tmp_path: Path, python: Path) -> None:
-    """What a file costs is measured by bench/folder.py, for 500 of them."""
+    """bench/folder.py measures the cost of a file, for 500 of them."""
     for serial in range(6):
         angle_table(seed=serial, samples=1500).to_csv(tmp_path / f"motor_{serial}.csv", index=False)
     (tmp_path / "motor_3.csv").write_text("nothing,here\n")

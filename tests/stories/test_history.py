@@ -1,4 +1,4 @@
-"""What a browser keeps of a panel that was opened in it: its history, read as the file that it is, opens nothing."""
+"""A browser's history of a panel that was opened in it, read as the file that it is, opens nothing."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def program(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 
 def terminal(*words: str) -> str:
-    """What a command prints; it has to end well."""
+    """The output of a command; it has to end well."""
     ended = forks.run(["-m", "servobench", *words], cwd=Path.cwd())
     assert ended.returncode == 0, ended.stderr
     return ended.stdout

@@ -167,7 +167,7 @@ def opens_the_report(page: Page) -> None:
 
 
 def compares_with_a_second_one(page: Page, program: Program) -> None:
-    """What the page says of the difference is that of the results as they are on the disk."""
+    """The page's statement on the difference is that of the results on the disk."""
     record(page, "second", "5")
     page.page.locator("#toast").get_by_text("Recorded second").wait_for()
     page.page.get_by_label("Compare first").check()

@@ -24,7 +24,7 @@ ROWS = 5000
 
 @pytest.fixture(scope="module")
 def lines() -> list[str]:
-    """What a board prints of a motor for 10 s at 500 Hz: microseconds, volts and counts."""
+    """A board's output for 10 s of a motor at 500 Hz: microseconds, volts and counts."""
     with sb.connect("twin") as motor:
         signal_ = sb.Square(low=-2, high=3, frequency=0.4)
         recording = sb.run(sb.Experiment(signal=signal_, duration=10, seed=1), motor)
@@ -123,7 +123,7 @@ def test_what_came_outlives_a_kill(lines: list[str], tmp_path: Path) -> None:
 def test_a_serial_port_that_goes_on_sending_ends_after_the_time_asked_for(
     lines: list[str], tmp_path: Path
 ) -> None:
-    """What a board sent before the port was opened is dropped, as its first line would be a part of one."""
+    """Lines from before the port was opened are dropped, as the first would be part of one."""
     board, port = os.openpty()
     tty.setraw(port)
     sender = threading.Thread(target=send, args=(board, "\n".join(lines[2:]) + "\n"), daemon=True)

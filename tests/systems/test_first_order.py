@@ -1,4 +1,4 @@
-"""What is worked out from a first-order motor's parameters has an interval where theirs leave one."""
+"""Values computed from a first-order motor's parameters have an interval if the parameters do."""
 
 import math
 

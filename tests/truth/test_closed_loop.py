@@ -66,7 +66,7 @@ def test_proportional_control_tells_gain_time_constant_and_delay_apart(
 
 
 def test_a_delay_at_its_bound_is_not_taken_for_the_delay() -> None:
-    """Where the jumps are left out, gain and time constant go with the delay: with it at its bound the gain is 9 % too large.
+    """If the jumps are left out, gain and time constant follow the delay: with it at its bound the gain is 9 % too large.
 
     As if the delay were known to be there, that was ± 0.04: 50 standard deviations.
     """

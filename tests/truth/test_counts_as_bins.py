@@ -26,7 +26,7 @@ RUNS = 200
 
 
 class Motor(NamedTuple):
-    """What is to be found, and how the record begins."""
+    """The true motor, and the beginning of the record."""
 
     gain: float
     time_constant: float

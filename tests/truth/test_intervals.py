@@ -23,7 +23,7 @@ def drawn(seed: int) -> Truth:
 
 
 def answers(truth: Truth) -> dict[str, float]:
-    """What an estimate is held against, from the roots of the characteristic polynomial."""
+    """The true values, from the roots of the characteristic polynomial."""
     r, l, k, j, b, tc = truth
     slow, fast = sorted(-1 / np.roots([j * l, j * r + l * b, r * b + k * k]).real, reverse=True)
     return {"gain": k / (r * b + k * k), "time_constant": slow, "delay": fast, "coulomb_voltage": tc * r / k}

@@ -1,4 +1,4 @@
-"""Where no noise model is right: does what a second weighing of the data adds make the intervals cover?"""
+"""If no noise model is right: do the intervals cover with the addition from a second weighing of the data?"""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from servobench.rig.loop.run import Look
 
 ALONE, TOGETHER = 20.0, 120.0
-"""How long somebody has to turn the shaft: where nobody can say that it is done, and where Enter says it [s]."""
+"""Time for somebody to turn the shaft: where nothing shows that it is done, and where Enter does [s]."""
 _COLOURS = {"verified": "green", "failed": "bold red", "unsupported": "yellow", "unknown": "yellow"}
 
 

@@ -131,7 +131,7 @@ def _zsh(known: dict[str, list[str]]) -> str:
 
 
 def _is_of_group(words: str) -> bool:
-    """Whether the words are those of a command within a group."""
+    """Whether the words name a command of a group."""
     return len(words.split()) == 2 and not words.split()[1].startswith("-")
 
 

@@ -1,4 +1,4 @@
-"""How a failing command ends: an error message, and the exit status for its kind of error."""
+"""The end of a failing command: an error message, and the exit status for its kind of error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `servobench inspect --json` prints: plain data of the schema `servobench.inspection/1`."""
+"""The document that `servobench inspect --json` prints: plain data of the schema `servobench.inspection/1`."""
 
 from __future__ import annotations
 

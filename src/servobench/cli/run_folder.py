@@ -116,7 +116,9 @@ class RunFolder:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
 
     def _remove_if_empty(self, experiment: BinaryIO | None) -> bool:
-        """Whether nothing was recorded; the folder is removed then, unless something else is in it, or another run has it."""
+        """Return whether nothing was recorded; then remove the folder, unless it holds something else or belongs to another
+        run.
+        """
         if any(self.path.glob(f"{self.recording.name}*")):
             return False
         if experiment is None:  # interrupted on the way to it
@@ -151,7 +153,7 @@ class RunFolder:
             )
 
     def _is_free(self) -> bool:
-        """Whether nothing is in the folder but what runs write: an experiment, which one that never began left empty."""
+        """Whether the folder holds only what runs write: an experiment, left by a run that never began."""
         found = list(self.path.iterdir())
         if not found:
             return True

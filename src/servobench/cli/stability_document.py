@@ -1,4 +1,4 @@
-"""What `servobench stability --json` prints: the same as its sentences, as plain data of the schema `servobench.stability/1`."""
+"""The document that `servobench stability --json` prints: its sentences as plain data of the schema `servobench.stability/1`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a device measures: channels, one reading of all of them (a sample), and the device's own description."""
+"""A device's measurements: its channels, one reading of all of them (a sample), and its description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What compiled code is made of: the file of its module, those of the modules that it calls, and constants that it takes."""
+"""The sources of compiled code: the file of its module, those of the modules that it calls, and the constants that it uses."""
 
 from __future__ import annotations
 

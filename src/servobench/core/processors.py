@@ -1,4 +1,4 @@
-"""How many processors there are for work that is shared out."""
+"""The number of processors for shared work."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ class Unit:
     dimension: Dimension
     """Exponents of the base quantities."""
     radians: bool = True
-    """Whether no other unit of angle than the radian is in it."""
+    """Whether the unit contains no angle, or only the radian."""
 
     @property
     def quantity(self) -> str:

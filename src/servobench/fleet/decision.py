@@ -33,10 +33,10 @@ class Rule:
     """A decision rule: how many standard uncertainties the guard band has; None where the conformance probability decides."""
 
     name: str
-    """What a file of limits calls it."""
+    """The parameter's name in a file of limits."""
     guard: float | None
     meaning: str
-    """Where it comes from, and the risk at a limit."""
+    """Its source, and the risk at a limit."""
 
 
 RULES: Mapping[str, Rule] = {

@@ -25,7 +25,7 @@ UNITS: Mapping[str, str] = {"gain": "rad/(s·V)", "time_constant": "s", "coulomb
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifiedMotor:
-    """What the estimator found of one motor: its verdict, or the `reason` why there is none.
+    """The estimator's answer for one motor: its verdict, or the `reason` why there is none.
 
     `number` is the motor's in the ensemble, `values` has (value, sd, low, high) of each parameter that is known.
     """
@@ -38,7 +38,7 @@ class IdentifiedMotor:
 
 @dataclass(frozen=True, kw_only=True)
 class Coverage:
-    """How often the 95 % intervals of a parameter hold the truth, of results that aren't refused.
+    """How often the 95 % intervals of a parameter contain the true value, among results that aren't refused.
 
     `known` results have an interval, `covered` of them hold the truth. `scatter` is the standard deviation of estimate less truth
     over the stated standard deviation, which is 1 where that is right, and `bias` its mean.

@@ -22,7 +22,7 @@ from servobench.fleet.source import Item, Source, list_items, source_at
 from servobench.fleet.worker import identify_item
 
 PATIENCE = "10s"
-"""How long a scheduler has to answer."""
+"""Time for a scheduler to answer."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,7 @@ from servobench.fleet.table import Fleet, Parameter
 from servobench.fleet.worker import write_report
 
 WORST = 10
-"""How many motors the report names, with a report of each."""
+"""The largest number of motors that the report lists, with a report of each."""
 _MOST = 20  # lines of a table of reasons or findings
 _MAD = 1.482602218505602
 

@@ -175,7 +175,7 @@ class Results:
             self._lock = None
 
     def _is_of_use(self) -> bool:
-        """Whether any row has a result: where none has, the settings were wrong, and may be put right."""
+        """Whether any row has a result: if none has, the settings were wrong and may be corrected."""
         return any("identified" in read_columns(path, ("outcome",))[0] for path in part_files(self.folder))
 
     def _check_settings(self) -> None:

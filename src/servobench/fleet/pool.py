@@ -151,7 +151,7 @@ def _collect(waiting: deque[tuple[T, Future[Any]]]) -> tuple[T, R | Died]:
 
 
 def _is_done(future: Future[Any]) -> bool:
-    """Whether a future has a result, and not the end of its process."""
+    """Whether a future ended with a result rather than with its process."""
     return future.done() and not future.cancelled() and not isinstance(future.exception(), BrokenExecutor)
 
 

@@ -26,7 +26,7 @@ class AnovaLine:
     """A line of the analysis of variance: sum of squares, degrees of freedom, mean square; F and p where it is tested."""
 
     source: str
-    """What varies."""
+    """The source of the variation."""
     sum_squares: float
     """The sum of squares, in the square of the unit."""
     dof: int
@@ -41,7 +41,7 @@ class Component:
     """A part of the variation: variance and its share [%], sd, and 6 sd over those of all and over the tolerance [%]."""
 
     name: str
-    """Which part."""
+    """The name of the part."""
     variance: float
     contribution: float
     """The share of the variance [%]."""
@@ -60,7 +60,7 @@ class GaugeStudy:
     operators: int
     trials: int
     pooled: bool
-    """Whether the interaction is counted as repeatability."""
+    """Whether repeatability includes the interaction."""
     lines: tuple[AnovaLine, ...]
     """The analysis of variance."""
     components: Mapping[str, Component]

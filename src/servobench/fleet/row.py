@@ -12,7 +12,7 @@ from servobench.fleet.source import Item
 from servobench.identification.result import Result
 
 IDENTIFIED, UNUSABLE, CRASHED = "identified", "unusable", "crashed"
-"""What came of a file: a result, an error that says why not, or the end of the process that read it."""
+"""The outcome of a file: a result, an error that says why not, or the end of the process that read it."""
 
 Row = dict[str, Any]
 

@@ -1,4 +1,4 @@
-"""How each recording of many is identified: the same for all of them, and kept with the results."""
+"""The settings for each recording of many: the same for all of them, and kept with the results."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Settings:
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Known parameters of the motor, each with its standard deviation, in SI units."""
     starts_at_rest: bool = False
-    """Whether the motor rests when each record begins."""
+    """Whether the motor is at rest when each record begins."""
 
     def __post_init__(self) -> None:
         values = self.options.get("input_value")

@@ -1,4 +1,4 @@
-"""Where the recordings of a fleet are: a folder, or an address of an object store."""
+"""The source of a fleet's recordings: a folder, or an address of an object store."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from servobench.core.errors import UsageError
 from servobench.fleet.name_pattern import NamePattern
 
 _TAGS = ("ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created", "checksum", "CRC")
-"""What the file systems of fsspec call the tag or the time of a file."""
+"""The keys under which the file systems of fsspec give a file's tag or time."""
 
 
 @dataclass(frozen=True, order=True)
@@ -173,7 +173,7 @@ class Listing:
     items: tuple[Item, ...]
     """The recordings."""
     others: tuple[str, ...]
-    """What isn't called like one."""
+    """Files whose names don't match."""
 
 
 def list_items(source: Source, pattern: NamePattern | None) -> Listing:

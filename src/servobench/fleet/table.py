@@ -57,27 +57,27 @@ class Fleet:
 
     files: tuple[str, ...]
     stamps: tuple[str, ...]
-    """What changes when a file does."""
+    """The file's version: it changes when the file does."""
     texts: Mapping[str, tuple[str, ...]]
     outcomes: tuple[str, ...]
     """Identified, unusable or crashed."""
     verdicts: tuple[str, ...]
     """Empty where there is no result."""
     reasons: tuple[str, ...]
-    """Why there is no result, or why it isn't trusted."""
+    """The reason why there is no result, or why it isn't trusted."""
     findings: Mapping[str, int]
-    """How many motors have a finding of that code."""
+    """The number of motors with a finding of that code."""
     parameters: tuple[Parameter, ...]
     limits: Limits | None
     judgements: tuple[Judgement, ...]
     distance: Array
     farthest: float
     cpu_seconds: float
-    """What all files took together [s]."""
+    """The time for all files together [s]."""
 
     @property
     def outlying(self) -> NDArray[np.bool_]:
-        """Whether a motor is unlike the others (N,)."""
+        """Whether a motor is an outlier (N,)."""
         found: NDArray[np.bool_] = np.nan_to_num(self.distance, nan=0.0) > self.farthest
         return found
 
@@ -169,7 +169,7 @@ def _parameters_in(row: Row) -> list[str]:
 def _by_level(
     name: str, found: Mapping[int, _Stated], levels: Mapping[int, tuple[str, float]]
 ) -> dict[str, dict[int, _Stated]]:
-    """What is stated of a parameter that holds at a level of the input, parted by level where the motors have several.
+    """Values of a parameter by level of the input, if it holds at a level and the motors have several.
 
     Levels within 5 % of the lowest of them are one level, named after their median. Rows without a level stay together.
     """

@@ -23,7 +23,7 @@ class Arrivals:
 
     source: Source
     pattern: NamePattern | None
-    """What the files are called; None for the endings of formats."""
+    """The pattern of the files' names; None for the endings of formats."""
     taken: dict[str, str]
     _seen: dict[str, tuple[str, float]] = field(default_factory=dict)
 

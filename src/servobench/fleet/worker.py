@@ -1,4 +1,4 @@
-"""What a worker does: a file in, a row out, whatever the file is."""
+"""A worker's task: a file in, a row out, whatever the file is."""
 
 from __future__ import annotations
 

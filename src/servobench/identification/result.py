@@ -56,7 +56,7 @@ class RecordFit:
     name: str
     """The name of the record."""
     samples: int
-    """How many samples were left out."""
+    """The number of samples left out."""
     fit_percent: float
     beyond: float = 1.0
 
@@ -99,7 +99,7 @@ class Comparison:
     """The parameter."""
     nominal: float
     identified: float
-    """What the data say."""
+    """The data's answer."""
     sd: float
     """The standard deviation that `z` counts in."""
     unit: str
@@ -132,15 +132,15 @@ class Result:
     findings: tuple[Finding, ...]
     validation: Validation | None
     operating_range: OperatingRange
-    """Where the data were taken."""
+    """The range of the data."""
     nominal: tuple[Comparison, ...]
     """The parameters held against a data sheet; empty where none was named."""
     provenance: Provenance
     motor_parameters: Mapping[str, Estimate] = field(default_factory=dict)
     answers: Mapping[str, ParameterStatus] = field(default_factory=dict)
-    """What the data tell of each parameter of the model: its value, a combination, a bound, or nothing."""
+    """The data's answer for each parameter of the model: its value, a combination, a bound, or nothing."""
     combinations: tuple[Combination, ...] = ()
-    """What is known of several parameters together where not each of them is."""
+    """Combinations of parameters that are known although not each of the parameters is."""
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of a parameter, of the model or of the motor, with its unit and its 95 % interval.

@@ -218,7 +218,7 @@ class Watch:
         return float(t[0]) - self._last if part.link == "gap" and t is not None else 0.0
 
     def _longest_pause(self, part: Part) -> float:
-        """How long a gap before these rows may be that a model bridges [s]: shorter where the input changed in it."""
+        """The longest gap [s] before these rows that a model bridges: shorter if the input changed in it."""
         changed = _role(part.recording, "input").values[0] != self._input
         return _BLIND * part.sample_time if changed else max(_PAUSE, _LOST * part.sample_time)
 

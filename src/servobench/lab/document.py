@@ -1,4 +1,4 @@
-"""What comes out of exercises as plain data, for other programs: `servobench.lab/1`."""
+"""The output of exercises as plain data, for other programs: `servobench.lab/1`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the experiment, the device, its data sheet and a recording tell, each fact by name.
+"""The facts, by name, of the experiment, the device, its data sheet and a recording.
 
 `sample_time`, `duration` [s]; `counts_per_rev`, `counter_bits` and `voltage_limit` [V] of the device; `sheet_resistance`,
 `sheet_gain` and the like, what the data sheet that is the experiment's `nominal` says; `read_gain` [rad/(s·V)] and

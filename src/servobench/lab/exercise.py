@@ -39,9 +39,9 @@ class Mistake(Settings):
     """A common wrong answer, and its explanation for the student."""
 
     answer: str
-    """What comes out of it: an expression over facts, as the right answer has one."""
+    """The value that it gives: an expression over facts, like a right answer's."""
     sentence: str
-    """What went wrong, in a sentence or two."""
+    """The student's mistake, in a sentence or two."""
 
 
 class Blank(Settings):
@@ -56,7 +56,7 @@ class Blank(Settings):
     answer: str
     """The right answer in that unit: an expression over facts, such as `2 * pi / counts_per_rev`; facts are in SI units."""
     tolerance: str
-    """How far an answer may be off: `exact`, `interval`, `5 %`, `0.5 ms`, or a sum of the latter three."""
+    """The tolerance of an answer: `exact`, `interval`, `5 %`, `0.5 ms`, or a sum of the latter three."""
     hint: str = ""
     """Help after a wrong answer."""
     mistakes: tuple[Mistake, ...] = ()
@@ -82,7 +82,7 @@ class Correction(Settings):
     where: Annotated[str, Field(min_length=1)]
     """The place in the paper, such as `eq. 7` or `II.E`."""
     paper: Annotated[str, Field(min_length=1)]
-    """What the paper says."""
+    """The paper's figure."""
     ours: Annotated[str, Field(min_length=1)]
     """The correct statement; `{}` in it stands for the value of `answer` with its unit."""
     answer: str = ""
@@ -90,9 +90,9 @@ class Correction(Settings):
     unit: str = ""
     """Unit of our figure."""
     digits: Annotated[int, Field(ge=1, le=12)] = 3
-    """How many significant digits are shown."""
+    """The number of significant digits that are shown."""
     why: Annotated[str, Field(min_length=1)]
-    """Why, in two sentences."""
+    """The reason, in two sentences."""
 
     @model_validator(mode="after")
     def _shows_its_figure(self) -> Self:
@@ -121,9 +121,9 @@ class Exercise:
     name: str
     """Name of the file, without its ending."""
     title: str
-    """What stands above it."""
+    """Its heading."""
     sentence: str
-    """What it is about, for a list."""
+    """Its subject, for a list."""
     order: int
     """Its place in the list."""
     text: str
@@ -137,7 +137,7 @@ class Exercise:
     study_lines: Mapping[str, int]
     correction_lines: tuple[int, ...]
     paper: tuple[PaperItem, ...] = ()
-    """What of the paper it does again."""
+    """The items of the paper that it repeats."""
 
     @property
     def pieces(self) -> tuple[Piece, ...]:

@@ -35,7 +35,7 @@ _WORDS_OF_FACTS = (
     "chain", "coulomb", "counter", "counts", "dead", "drag", "electrical", "gravity", "load", "loop", "offset", "read",
     "sample", "sheet", "stribeck", "time", "viscous", "voltage",
 )  # fmt: skip
-"""What names of facts begin with, such as `time_constant`: a study called that would hide them."""
+"""First parts of the names of facts, such as `time_constant`; a study with such a name would hide them."""
 
 
 _OWN = ("title", "sentence", "order", "blanks", "studies", "corrections", "paper")
@@ -45,7 +45,7 @@ _NEEDED = {
     "title": 'expected title = "..." before the first table',
     "blanks": "expected a table [[blanks]] for each thing to fill in",
 }
-"""What no exercise does without, and how it is written."""
+"""The keys that every exercise needs, and how they are written."""
 
 
 FOLDER = Path(__file__).parent / "exercises"

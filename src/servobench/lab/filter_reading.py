@@ -1,4 +1,4 @@
-"""What noise and lag of a speed do to a time constant that is read off it at 63.2 %, and the cut-off that does the least.
+"""The effect of noise and lag on a time constant read off a speed at 63.2 %, and the best cut-off.
 
 What is averaged over, and why nothing is drawn at random, is told in docs/decisions/0025-filters.md.
 """

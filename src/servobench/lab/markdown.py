@@ -108,7 +108,7 @@ def _formula(state: StateInline, silent: bool) -> bool:
 
 
 def _is_formula(text: str, first: int, marks: str) -> bool:
-    """Whether a formula begins at `first` and is ended by such marks, with no blank inside them; `$5` is none, nor is code."""
+    """Whether a formula begins at `first` and is ended by such marks, with no blank inside them; `$5` isn't one, nor is code."""
     last = text.find(marks, first)
     after = last + len(marks)
     if (

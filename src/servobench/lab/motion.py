@@ -1,4 +1,4 @@
-"""What a recording says of the shaft: voltage and angle over time, where the voltage changes, and how fast the shaft turned.
+"""The shaft's motion in a recording: voltage and angle over time, the changes of the voltage, and the speed.
 
 At the levels of a staircase the current is looked at, too.
 """

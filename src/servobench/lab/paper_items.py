@@ -1,4 +1,4 @@
-"""What of a paper an exercise does again: a table, a figure or an equation, and where it stands here."""
+"""The items of a paper that an exercise repeats: a table, a figure or an equation, and where it appears here."""
 
 from __future__ import annotations
 
@@ -15,6 +15,6 @@ class PaperItem(Settings):
     part: Annotated[str, Field(min_length=1)]
     """The part of the paper, such as `II.D`; a list of all goes by it."""
     item: Annotated[str, Field(min_length=1)]
-    """What is there, such as `Table 1-4, time constant by cut-off`."""
+    """The item, such as `Table 1-4, time constant by cut-off`."""
     study: str = ""
     """The study that shows it; empty where the exercise's own run or its text does."""

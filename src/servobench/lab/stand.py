@@ -1,4 +1,4 @@
-"""Where an exercise is done: a motor to run experiments on, or a recording alone, and all facts that come of it.
+"""The stand of an exercise: a motor to run experiments on, or a recording alone, and all facts that come of it.
 
 A study's facts are found when they are first asked for, by a rule or by another study. A stand carries each study out once.
 """
@@ -35,7 +35,7 @@ class MotorStand:
     experiment: Experiment
     """The exercise's own experiment, as it is carried out here."""
     info: DeviceInfo
-    """What the device is."""
+    """The device's description."""
     made: Recording | None = None
     """The recording of the experiment, where there is one already."""
     carry_out: Callable[[Experiment], Recording]

@@ -1,4 +1,4 @@
-"""What a simulated motor really is: what an estimate of it is held against, computed from its settings."""
+"""The true parameters of a simulated motor, computed from its settings, to compare estimates with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a page shows the motor, judged by its own drawing; a browser answers pings even for a page that is frozen.
+"""Whether a page shows the motor, judged by its own drawing; a browser answers pings even for a frozen page.
 
 A page that is frozen, hidden, stopped or hangs draws nothing, and one that is too slow draws what is long past; the browser
 answers pings for all of them.
@@ -50,7 +50,7 @@ class Attention:
 
     @property
     def there(self) -> bool:
-        """Whether the page's own code was heard lately."""
+        """Whether the page's own code has answered lately."""
         return time.monotonic() - self._heard < SILENCE
 
     def reason_unseen(self, rows: Rows) -> str:

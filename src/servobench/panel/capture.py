@@ -73,7 +73,7 @@ class Capture:
 
     @property
     def over(self) -> bool:
-        """Whether the recorder has ended, or says that it is about to."""
+        """Whether the recorder has ended, or has announced its end."""
         if self._recorder is None:
             return False
         return self.loop.ring.get(RECORDER_STATE) in (DONE, FAILED) or not self._recorder.running

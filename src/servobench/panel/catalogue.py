@@ -125,7 +125,7 @@ def _parts(key: str, annotation: Any) -> dict[str, Any] | None:
 
 
 def _is_signal(metadata: Iterable[Any]) -> bool:
-    """Whether the marks of a type say that it holds a signal."""
+    """Whether a type's metadata mark it as a signal."""
     return any(isinstance(mark, MemberOf) and mark.registry.kind == "signal" for mark in metadata)
 
 

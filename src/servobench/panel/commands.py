@@ -19,12 +19,12 @@ ASSIGNED = "assigned"
 SIMULATED = ("twin", ASSIGNED)
 
 _SINGULAR = {"parts": "Part", "segments": "Segment", "levels": "Level", "entries": "Entry"}
-"""What the page calls one of several; of any other the name of all stands before its number."""
+"""The page's name for one of several; the others get the name of all before their number."""
 _EXPECTED = {
     "tuple_type": "an array",
     **dict.fromkeys(("dict_type", "mapping_type", "model_type", "model_attributes_type"), "a table"),
 }
-"""What was expected, by the kind of a mistake, in the words used for files of experiments."""
+"""The expected value by the kind of a mistake, in the words for files of experiments."""
 
 
 def command_from(given: Mapping[str, Any]) -> Command:

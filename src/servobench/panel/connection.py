@@ -85,7 +85,7 @@ class Connection:
 
     @property
     def watched(self) -> bool:
-        """Whether the loop is being read; before that the device is still being opened, and at zero volts."""
+        """Whether the loop is being read; before that the device is still being opened, and puts out zero volts."""
         return self.pump is None or self.pump.is_alive()
 
     async def unfollow(self) -> None:

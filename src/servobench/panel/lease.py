@@ -18,7 +18,7 @@ class Lease:
 
     @property
     def taken(self) -> bool:
-        """Whether a live page drives: one that is hidden or hangs doesn't keep others from driving."""
+        """Whether a live page drives; a hidden or frozen one doesn't keep others from driving."""
         return self.operator is not None and self.operator.attention.there
 
     def take(self, viewer: Viewer) -> None:

@@ -37,7 +37,7 @@ class LoopStatus:
 
     @property
     def rests(self) -> bool:
-        """Whether it is known to put out zero volts."""
+        """Whether it is certain to put out zero volts."""
         return not self.enabled and self.heard >= self.last_enable
 
     def count(self, news: News) -> bool:

@@ -127,7 +127,7 @@ async def _let_in(request: Request, panel: Panel) -> Response:
 
 
 def _looks_ahead(request: Request) -> bool:
-    """Whether a browser loads a page for the first time, or a program checks whether it exists."""
+    """Whether a browser prefetches a page, or a program checks whether it exists."""
     purposes = (request.headers.get(name, "") for name in ("sec-purpose", "purpose"))
     return request.method == "HEAD" or any("prefetch" in purpose for purpose in purposes)
 

@@ -218,7 +218,7 @@ class MotorSession:
 
     @property
     def _may_go_on(self) -> bool:
-        """Whether a person watches the motor, or it is known to be at zero volts."""
+        """Whether a person watches the motor, or it is certain to be at zero volts."""
         return self.lease.taken or self._standing.rests
 
     # --- who is there

@@ -62,7 +62,7 @@ async def converse(socket: WebSocket, session: Session, motor: MotorSession) -> 
 
 
 async def _hello(socket: WebSocket, session: Session) -> bool:
-    """Whether the first message came in time and has the session's token."""
+    """Return whether the first message came in time with the session's token."""
     try:
         async with asyncio.timeout(HELLO_TIME):
             said = parse_object(await socket.receive_text())

@@ -1,4 +1,4 @@
-"""What a finite record shows about stability, and what it can't.
+"""The evidence of a finite record on stability, and its limits.
 
 BIBO stability is a sentence about every bounded input and all time; a record has one input and an end. So no record proves or
 disproves it. A record can only show how its output behaved while the input was constant. With the slopes c₁ and c₂ of two

@@ -39,7 +39,7 @@ class ReadingOptions(TypedDict, total=False):
     reference: str
     """The column of a feedback loop's reference."""
     supply: str
-    """What feeds the amplifier of an input that is a duty: a column, or a constant such as `7.4 V`."""
+    """The supply of the amplifier if the input is a duty: a column, or a constant such as `7.4 V`."""
     current: str
     """The column of the armature's current."""
     mapping: str | os.PathLike[str] | Mapping
@@ -51,7 +51,7 @@ class ReadingOptions(TypedDict, total=False):
     counts_per_rev: float
     """The counts in one turn of the shaft, edges of both channels included [counts/rev]."""
     chain: str
-    """What lies between the shaft and the output, such as `derivative | lowpass 50 rad/s`; `none` for nothing."""
+    """The stages between the shaft and the output, such as `derivative | lowpass 50 rad/s`; `none` if there are none."""
     t: ArrayLike | Sequence[ArrayLike]
     """Times (N,) [s]; a list of arrays for several records, as `u` and `y`."""
     u: ArrayLike | Sequence[ArrayLike]

@@ -24,7 +24,7 @@ class Stopped:
     """The reason why a run ended: `finished` as requested, or cut short; the sentence says it in words."""
 
     reason: StopReason
-    """Which kind of end it was."""
+    """The kind of the end."""
     sentence: str
 
 
@@ -122,12 +122,12 @@ class Recording:
     chain: str = ""
     reference: str | None = None
     info: DeviceInfo | None = None
-    """What the device said of itself, None where no device is known."""
+    """The device's description of itself, None if no device is known."""
     experiment: str = ""
     findings: tuple[Finding, ...] = ()
-    """What there is to know about it."""
+    """Remarks on the recording."""
     stopped: Stopped = Stopped(reason="unknown", sentence="the file doesn't say why the recording ended")
-    """Why it ended, None if unknown."""
+    """Its end, None if unknown."""
     versions: Mapping[str, str] = field(default_factory=dict)
     """Programs and their versions that made it."""
     events: tuple[Event, ...] = ()

@@ -30,7 +30,7 @@ class RowStore:
 
     @property
     def columns(self) -> tuple[Array, ...]:
-        """What there is by now, an array (N,) for each column; rows that come later don't change it."""
+        """The rows so far, an array (N,) for each column; later rows don't change it."""
         return tuple(column[: self._filled] for column in self._columns)
 
     def _larger(self, column: Array, size: int) -> Array:

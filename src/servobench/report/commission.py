@@ -30,7 +30,7 @@ class AcceptanceReport:
     """The report of a commissioning, with the recordings by their names, as a page that opens from disk without a network."""
 
     acceptance: Acceptance
-    """What commissioning found."""
+    """The report of a commissioning."""
     recordings: Mapping[str, Recording]
 
     def html(self) -> str:

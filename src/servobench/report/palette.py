@@ -29,7 +29,7 @@ class Style:
 
     @property
     def narrow(self) -> bool:
-        """Whether things stand below each other rather than beside."""
+        """Whether the page is so narrow that its parts go below each other."""
         return self.width < 560
 
 

@@ -47,7 +47,7 @@ class ParameterRow:
 
     @property
     def known(self) -> bool:
-        """Whether there is an interval."""
+        """Whether the value has an interval."""
         return bool(self.estimate.low) and not self.instead
 
 

@@ -1,4 +1,4 @@
-"""How late the samples of a run were: in a table, over the run, and as a share of all."""
+"""The lateness of a run's samples: in a table, over the run, and as a share of all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How late the samples of a run were, from their recorded times."""
+"""The lateness of a run's samples, from their recorded times."""
 
 from __future__ import annotations
 

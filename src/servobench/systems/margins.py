@@ -1,4 +1,4 @@
-"""How far a feedback loop is from instability: gain, phase and delay margin of its open loop.
+"""The distance of a feedback loop from instability: gain, phase and delay margin of its open loop.
 
 L(s) = C(s) G(s),   closed loop L / (1 + L)      (Åström and Murray 2008, chapter 9)
 """

@@ -1,4 +1,4 @@
-"""What is found in records before any fit, and not in sound ones."""
+"""Findings on records before any fit, with sound records that don't have them."""
 
 from __future__ import annotations
 

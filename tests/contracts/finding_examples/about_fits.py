@@ -1,4 +1,4 @@
-"""What is found in a fit, and not in a sound one."""
+"""Findings on a fit, with sound fits that don't have them."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _position_loop(unit: str) -> Fit:
 
 
 def _from_search(converged: bool) -> list[Finding]:
-    """What the search says of itself that ended, or was ended by its largest number of steps."""
+    """Findings on a search that ended, or that its largest number of steps ended."""
     structure, data = STRUCTURES["first_order_coulomb"], [sound(samples=500)]
     minimum = best_minimum(structure, data, structure.guesses(data))
     return remarks(structure, data, replace(minimum, converged=converged))

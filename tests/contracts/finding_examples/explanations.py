@@ -57,7 +57,7 @@ def _of_another_motor() -> Dataset:
 
 
 def _wrong_label() -> Dataset:
-    """What is called 3 V is 2.2 V."""
+    """A level labelled 3 V that is 2.2 V."""
     return told(staircase(), np.where(staircase() == 3.0, 2.2, staircase()))
 
 

@@ -11,7 +11,7 @@ GAIN, TIME_CONSTANT, STEP = 20.0, 0.1, 0.002  # rad/(s·V), s, s
 
 
 def computed(levels: tuple[float, float], noise: float = 0.0) -> sb.Result:
-    """What is identified from the exact response of K/(τ s + 1) to a square wave, with noise [rad/s] on it."""
+    """The result for the exact response of K/(τ s + 1) to a square wave, with noise [rad/s] added."""
     t = np.arange(2000) * STEP
     u = np.where(t % 1.0 < 0.5, *levels)
     speed, decay = np.zeros(len(t)), np.exp(-STEP / TIME_CONSTANT)

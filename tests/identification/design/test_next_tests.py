@@ -1,4 +1,4 @@
-"""Which test to run next: the one with the most information about kA, by a second calculation."""
+"""The choice of the next test: the one with the most information about kA, by a second calculation."""
 
 import math
 

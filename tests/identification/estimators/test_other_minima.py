@@ -19,7 +19,7 @@ def found_beside(
     samples: int = 500,
     prior: DelayPrior | None = None,
 ) -> Contribution | None:
-    """What other ends add to a place at (1, 2)."""
+    """The contribution of other ends to a place at (1, 2)."""
     place = Minimum(theta=np.array([1.0, 2.0]), predictions=(), cost=cost, converged=True, status="")
     ends = [(np.array(theta), each) for theta, each in others]
     return other_minima(place, ends, COVARIANCE, samples, prior)

@@ -256,7 +256,7 @@ def test_residuals_are_those_of_the_structure(delay: float) -> None:
 
 
 def test_moving_the_reference_leaves_the_estimate_where_it_is() -> None:
-    """What was seen moves along exactly, as it is linear in the change."""
+    """The data's information moves with the reference exactly, as it is linear in the change."""
     t, u, counts = rows("prbs", 2, samples=3000)
     recursive = live(u[0])
     feed(recursive, t, u, counts)

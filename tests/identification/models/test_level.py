@@ -1,4 +1,4 @@
-"""Which levels of the input moved a motor, where the reading of the shaft is noisy."""
+"""The levels of the input that moved a motor, if the reading of the shaft is noisy."""
 
 from __future__ import annotations
 

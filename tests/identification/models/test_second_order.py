@@ -23,7 +23,7 @@ ALL = np.arange(kernels.COLUMNS)
 
 
 def poles(truth: Truth) -> dict[str, float]:
-    """What a fit is to find, from the roots of J L s² + (J R + L b) s + R b + k², by NumPy's own solver."""
+    """The true values of a fit, from the roots of J L s² + (J R + L b) s + R b + k², by NumPy's own solver."""
     r, l, k, j, b, friction = truth
     slow, fast = np.sort(-1.0 / np.roots([j * l, j * r + l * b, r * b + k * k]))[::-1]
     return {

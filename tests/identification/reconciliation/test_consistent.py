@@ -1,4 +1,4 @@
-"""What is told of causes agrees with itself: what is excluded has no probability, and isn't among those to decide between."""
+"""Statements on causes agree: an excluded cause has probability zero, and isn't among those to decide between."""
 
 import math
 import re

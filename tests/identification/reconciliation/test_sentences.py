@@ -1,4 +1,4 @@
-"""How the answer to a why is worded."""
+"""The wording of the answer to a why."""
 
 import math
 

@@ -32,7 +32,7 @@ def test_another_motors_input_is_told_behind_a_chain_too() -> None:
 
 
 def test_an_input_whose_simulation_explains_the_output_is_not_unrelated() -> None:
-    """What the equation says is a hint; that the simulation of a fit explains most of the output is none."""
+    """The equation is only a hint; a simulation that explains most of the output outweighs it."""
     record = dataset(seed=3, kind="prbs", hold=20)
     other = dataset(seed=4, kind="prbs", hold=20)
 

@@ -1,4 +1,4 @@
-"""What is left out to try a model on, and what is said where it isn't predicted."""
+"""Stretches to leave out and predict, and the findings if they aren't predicted."""
 
 from __future__ import annotations
 

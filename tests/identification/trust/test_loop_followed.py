@@ -14,7 +14,7 @@ from servobench.systems.signals.square import Square
 
 
 def told(kp: float, kd: float = 0.0, cutoff: float = 250.0) -> dict[str, str]:
-    """What is said of a loop that follows steps from -7 to 7 rad, by code."""
+    """The findings on a loop that follows steps from -7 to 7 rad, by code."""
     asked = Experiment(
         signal=Square(low=-7.0, high=7.0, frequency=1 / 3),
         controller=Pid(output="position", kp=kp, kd=kd, cutoff=cutoff),

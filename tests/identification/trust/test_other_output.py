@@ -1,4 +1,4 @@
-"""Where a position doesn't tell the time constant, the speed that the file has as well is named."""
+"""If a position doesn't determine the time constant, the finding names the speed in the same file."""
 
 from __future__ import annotations
 

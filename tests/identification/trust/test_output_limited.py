@@ -13,7 +13,7 @@ N = 4000
 
 
 def simulated() -> np.ndarray:
-    """What a model expects: levels between -60 and 60 rad/s, each approached over 0.1 s."""
+    """The output that a model expects: levels between -60 and 60 rad/s, each approached over 0.1 s."""
     levels = np.repeat(np.random.default_rng(3).uniform(-60.0, 60.0, N // 100), 100)
     lag, speed = np.exp(-0.002 / 0.1), np.zeros(N)
     for n in range(1, N):

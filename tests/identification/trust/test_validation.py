@@ -1,4 +1,4 @@
-"""What is left over is held against the input, but not where each count is where the model puts it."""
+"""The residual is compared with the input, but not where each count is where the model puts it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sine says of gain, time constant and delay lies on a curve, and the intervals reach along it."""
+"""A sine's gain, time constant and delay lie on a curve, and the intervals reach along it."""
 
 from __future__ import annotations
 

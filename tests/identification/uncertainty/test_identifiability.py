@@ -1,4 +1,4 @@
-"""What is known of each parameter: values, combinations, bounds, and sentences for what isn't known."""
+"""The state of each parameter: values, combinations, bounds, and sentences for unknown ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What times that are rounded add to the intervals is as much as they make the parameters err."""
+"""Rounded times add as much to the intervals as to the errors of the parameters."""
 
 from __future__ import annotations
 

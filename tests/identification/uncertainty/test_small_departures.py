@@ -70,7 +70,7 @@ def geared(seed: int, plays: bool) -> Fit:
 
 
 def far_off(fits: list[Fit], gain: float) -> int:
-    """How many gains are more than the three standard deviations off that a trusted one may be."""
+    """The number of gains that are off by more than the three standard deviations that a trusted one may be."""
     return sum(abs(fit["gain"].value - gain) > 3.0 * fit["gain"].sd for fit in fits)
 
 

@@ -147,7 +147,7 @@ def _objects() -> dict[str, object]:
 def bench(
     load: Sequence[int] = (0, 5, 65535, 65530, 3, 9), torque: Sequence[bool] = (True,) * 6
 ) -> dict[str, Any]:
-    """What a servo bench writes, with as many readings as there are loads."""
+    """The JSON document of a servo bench, with as many readings as there are loads."""
     entries = [
         {
             "position": 0.01 * k, "speed": 0.5, "load": each, "input_volts": 7.3 - 0.1 * k, "temp": 28, "timestamp": 0.004 * k,
@@ -203,4 +203,4 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "rosbag packed": mcap_ros2_packed,
     "rosbag json": mcap_json,
 }
-"""What makes a file: under the name of a format that can't be written, or under a format's name and what sort of file it is."""
+"""Makers of files: under the name of a format that can't be written, or under a format's name and the sort of file."""

@@ -59,7 +59,7 @@ def save(path: Path, variables: dict[str, Any], version: str = "v7", *, compress
 
 
 def dataset() -> Any:
-    """What Simulink logs signals into."""
+    """The dataset into which Simulink logs signals."""
     elements = np.empty((2, 1), dtype=object)
     for k, (name, values) in enumerate([("u", np.sign(np.sin(9 * T))), ("theta", np.cumsum(T))]):
         unit = "V" if name == "u" else "rad"

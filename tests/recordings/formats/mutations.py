@@ -98,7 +98,7 @@ def _lying(data: bytearray, random: np.random.Generator) -> bytearray:
 
 
 def _outcome(path: Path) -> str:
-    """What comes of reading a file: how many recordings, or the kind of error; anything but ours with its traceback."""
+    """The outcome of reading a file: the number of recordings, or the kind of error; a foreign error with its traceback."""
     try:
         recordings = load(path)
     except ServobenchError as error:

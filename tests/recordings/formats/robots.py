@@ -17,7 +17,7 @@ LENGTHS = {"slow-forward": 8.0, "slow-backward": 8.0, "fast-forward": 2.5, "fast
 
 
 class Constants(NamedTuple):
-    """What the algebra of the motor's equation gives: kS [V], kV [V·s/rev], kA [V·s²/rev]."""
+    """The constants from the algebra of the motor's equation: kS [V], kV [V·s/rev], kA [V·s²/rev]."""
 
     ks: float
     kv: float

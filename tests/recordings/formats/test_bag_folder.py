@@ -23,7 +23,9 @@ def loaded(path: Path) -> Recording:
 
 
 def holds_the_arm(recording: Recording, count: int) -> None:
-    """What `arm` wrote: the positions by joint at their stamps, and the voltages at the times of the log."""
+    """Assert that a file holds what `arm` wrote: the positions by joint at their stamps, and the voltages at the times of the
+    log.
+    """
     position, voltage = recording["elbow.position"], recording["/arm/voltage.data"]
     assert position.values.tolist() == [k + 0.1 for k in range(count)]
     assert position.channel.unit == "rad"

@@ -1,4 +1,4 @@
-"""How samples are spaced, and how long a channel sits at its ends."""
+"""The spacing of samples, and the time that a channel spends at its ends."""
 
 from __future__ import annotations
 

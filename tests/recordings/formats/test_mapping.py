@@ -1,4 +1,4 @@
-"""Which column is what: said, known, recognised or asked for."""
+"""The meaning of each column: given, known, recognised or asked for."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -48,7 +48,7 @@ def test_one_blank_line_in_a_run_that_goes_on_is_only_told(tmp_path: Path) -> No
 
 
 def test_lines_that_are_spaced_by_blank_ones_are_one_table(tmp_path: Path) -> None:
-    """What a text goes through in the wrong order of line endings, twice: every row stands alone."""
+    """Such a text was written with the wrong line endings twice: every row stands alone."""
     (recording,) = several(tmp_path, ROWS.replace("\n", "\n\n\n"))
 
     assert columns(recording)["column_3"] == Y

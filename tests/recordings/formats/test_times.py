@@ -1,4 +1,4 @@
-"""What is wrong with times, and which samples to keep; the longest increasing subsequence is held against brute force."""
+"""Faults of times, and the samples to keep; the longest increasing subsequence is compared with brute force."""
 
 from itertools import combinations, pairwise
 

@@ -1,4 +1,4 @@
-"""What the encoder's steps do to a differentiated speed: formula and published figures against brute force."""
+"""The effect of the encoder's steps on a differentiated speed: formula and published figures against brute force."""
 
 import numpy as np
 import pytest

@@ -10,7 +10,7 @@ from servobench.recordings.measurement.unwrap import Unwrap, unwrap
 
 
 def shown(counts: np.ndarray, bits: int) -> np.ndarray:
-    """What a signed counter of some bits shows."""
+    """The values of a signed counter of so many bits."""
     half = 2 ** (bits - 1)
     return ((counts + half) % 2**bits - half).astype(np.float64)
 

@@ -1,4 +1,4 @@
-"""What is written can be read: by us, equal to the bit, and by the standard reader, with all its checks."""
+"""A written file can be read: by us, equal to the bit, and by the standard reader, with all its checks."""
 
 import itertools
 import os

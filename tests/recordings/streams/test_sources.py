@@ -137,7 +137,7 @@ def test_all_values_of_a_robot_arrive_with_the_times_of_its_server() -> None:
 
 
 class Queue:
-    """What a topic brings at one look after the other, as (time [s], value)."""
+    """A topic's values at one look after the other, as (time [s], value)."""
 
     def __init__(self, *looks: list[tuple[float, float]]) -> None:
         self._looks = list(looks)

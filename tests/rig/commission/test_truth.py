@@ -1,4 +1,4 @@
-"""What checks measure holds the twin's settings, which are known exactly."""
+"""The measurements of checks agree with the twin's settings, which are known exactly."""
 
 import pytest
 

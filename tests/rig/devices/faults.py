@@ -1,4 +1,4 @@
-"""What tests of injected faults share: the undisturbed run, and the one with faults, by the same seed."""
+"""The common part of tests of injected faults: the undisturbed run, and the one with faults, by the same seed."""
 
 from collections.abc import Callable
 
@@ -81,7 +81,7 @@ class Numbered(Shaft):
 
 
 def wrapped(count: int, bits: int | None) -> int:
-    """What a signed counter shows, bit by bit: the low bits, the highest of which has a negative weight."""
+    """The value of a signed counter, bit by bit: the low bits, the highest of which has a negative weight."""
     if bits is None:
         return count
     low = count & ((1 << bits) - 1)

@@ -1,4 +1,4 @@
-"""What an experiment is, refuses, and finds worth knowing."""
+"""An experiment's fields, refusals and findings."""
 
 import pickle  # noqa: TID251 - a process that runs the loop gets its experiment this way
 

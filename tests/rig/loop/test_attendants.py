@@ -1,4 +1,4 @@
-"""Who looks at each tick of a live run: what they answer, and when, by accounting alone."""
+"""The attendants of each tick of a live run: their answers and when they come, by accounting alone."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What a process prints is read as it comes: it never waits for a full pipe, and its words can't forge a terminal's."""
+"""A process's output is read as it comes: it never waits for a full pipe, and its words can't forge a terminal's."""
 
 import subprocess
 import sys

@@ -67,7 +67,7 @@ def test_with_long_ticks_one_missed_tick_does_not_end_a_run_and_two_do() -> None
 
 
 class Drive:
-    """What drives, as far as the rule asks."""
+    """The drive, as far as the rule needs it."""
 
     enabled = True
 

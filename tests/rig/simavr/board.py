@@ -62,7 +62,7 @@ def motor(**others: float) -> Motor:
 
 
 class View(c.Structure):
-    """What a test may look at; as in simrig.c."""
+    """The simulator's state for a test; as in simrig.c."""
 
     _fields_ = [
         *((name, c.c_uint64) for name in ("cycle", "pwm_high", "pwm_rises", "received")),

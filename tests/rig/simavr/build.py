@@ -36,7 +36,7 @@ def _digest(files: Sequence[Path]) -> str:
 
 @cache
 def _folder() -> Path:
-    """Where the builds of these very sources are kept."""
+    """The folder for the builds of these very sources."""
     sources = [*FIRMWARE.glob("*.[ch]"), FIRMWARE / "Makefile", *HERE.glob("*.c")]
     folder = ROOT / "build" / "rig" / _digest(sources)
     folder.mkdir(parents=True, exist_ok=True)

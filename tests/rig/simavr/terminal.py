@@ -19,7 +19,7 @@ class Terminal:
         self.port = port
 
     def look(self) -> dict[str, Any]:
-        """What the rig does now; `cycle`, `pwm_high` and `received` count device time in cycles of 16 MHz."""
+        """The rig's present state; `cycle`, `pwm_high` and `received` count device time in cycles of 16 MHz."""
         self.tell("look")
         assert self._process.stdout
         found = json.loads(self._process.stdout.readline())

@@ -21,7 +21,7 @@ KINDS = pytest.mark.parametrize("table", [False, True], ids=["duty", "table"])
 
 
 def damaged(pure: c.CDLL, table: bool, frames: int, seed: int) -> tuple[int, int, int]:
-    """How many damaged frames came through as another one, how many at all, and how many only the second checksum gave away."""
+    """The number of damaged frames accepted as another one, of all, and of those that only the second checksum revealed."""
     accepted, caught = c.c_uint32(), c.c_uint32()
     pure.pure_damage.restype = c.c_uint32
     wrong = pure.pure_damage(frames, seed, int(table), c.byref(accepted), c.byref(caught))

@@ -1,4 +1,6 @@
-"""What takes the motor's voltage away, by the shipped binary in simavr: asserted on the pin and on the shaft, in device time."""
+"""The causes that remove the motor's voltage, by the shipped binary in simavr: asserted on the pin and on the shaft, in device
+time.
+"""
 
 import random
 

@@ -34,7 +34,7 @@ def error(
     phase: float = 0.3,
     filtered: tuple[list[float], list[float]] | None = None,
 ) -> np.ndarray:
-    """What differenced counts miss of a constant speed, after the filter has settled."""
+    """The error of differenced counts at a constant speed, after the filter has settled."""
     k = np.arange(SAMPLES)
     shown = STEP / sample_time * np.diff(np.floor(speed * sample_time / STEP * k + phase))
     if filtered is not None:

@@ -47,7 +47,7 @@ DELAYS = (0.0, 0.4 * H, H, 2.7 * H)
 
 
 def held(length: float) -> tuple[Array, Array]:
-    """How angle and speed go on for a time at a voltage: the matrix exponential of the motor with its input."""
+    """The change of angle and speed over a time at a voltage: the matrix exponential of the motor with its input."""
     whole = expm(np.array([[0.0, 1.0, 0.0], [0.0, -1 / TAU, K / TAU], [0.0, 0.0, 0.0]]) * length)
     return whole[:2, :2], whole[:2, 2]
 

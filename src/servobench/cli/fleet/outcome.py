@@ -1,4 +1,4 @@
-"""What came of a fleet: tables, report, the lines that are printed, the exit status."""
+"""The outcome of a fleet: tables, report, the printed lines, the exit status."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class PWMAlignment:
 
 
 class PWMPolarity:
-    """Whether a pulse is low or high."""
+    """The level of a pulse: low or high."""
 
     ACTIVE_LOW = 0
     ACTIVE_HIGH = 1

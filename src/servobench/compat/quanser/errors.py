@@ -90,7 +90,7 @@ SENTENCES = {
     Code.WRITING_TO_READER: "The task reads; nothing can be written to it.",
     Code.UNKNOWN_CARD_TYPE: "There is no board of that type.",
 }
-"""What each error means; those of channels and their buffers are put together by `sentence`."""
+"""The meaning of each error; `sentence` writes those of channels and their buffers."""
 
 
 def sentence(code: int) -> str:

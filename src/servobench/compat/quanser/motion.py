@@ -1,4 +1,4 @@
-"""What hangs on a virtual board: amplifier, motor, load and sensors, by the twin's physics."""
+"""The hardware on a virtual board: amplifier, motor, load and sensors, by the twin's physics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from servobench.rig.motor.plant import Plant
 from servobench.rig.motor.solvers.base import SOLVERS
 
 Mounted: TypeAlias = Literal["disc", "hanging", "upright", "lifted"]
-"""What is mounted: the disc, or a pendulum that hangs, that a hand holds upright, or that a hand lifts after two seconds."""
+"""The load: the disc, or a pendulum that hangs, that a hand holds upright, or that a hand lifts after two seconds."""
 
 TICK = 1e-3  # s, of the solver, which is exact for any
 LOOK_AT_STALL = 5e-3  # s
@@ -124,7 +124,7 @@ class Motion:
 
     @property
     def stall_warning(self) -> bool:
-        """Whether the motor has stood still long enough under a voltage that it should turn with."""
+        """Whether the motor has stood still for long under a voltage that should turn it."""
         return self.stalled_for >= STALL_WARNING
 
     def put(self, voltage: float, enabled: bool) -> None:

@@ -7,10 +7,10 @@ import threading
 import time
 
 CALL = 125e-6
-"""What an immediate call costs in simulated time: a microframe of USB [s]."""
+"""The simulated time that an immediate call takes: a microframe of USB [s]."""
 
 LOOK = 2e-6
-"""What a look at the clock costs in simulated time, so that a loop that polls it ends [s]."""
+"""The simulated time that reading the clock takes, so that a loop that polls it ends [s]."""
 
 # Kept here, as the names in `time` may be replaced when they are needed.
 _wall, _sleep, _epoch = time.perf_counter, time.sleep, time.time

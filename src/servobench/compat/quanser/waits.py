@@ -1,4 +1,4 @@
-"""Where a program waits: the functions that simulated time replaces, and the waits that it knows nothing of."""
+"""A program's waits: the functions that simulated time replaces, and the waits that it can't shorten."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class ReplacedTime:
         return package is not None and package[0] in self._following
 
     def _is_alone(self) -> bool:
-        """Whether only its time can end a wait."""
+        """Whether nothing but its time-out can end a wait."""
         return not self._timebase.paced and threading.active_count() == 1
 
     def _clock(self, began: float, per_second: int) -> Callable[[], float]:

@@ -9,7 +9,7 @@ from servobench.compat.quanser.errors import Code, hil_error
 
 
 class Watchdog:
-    """Whether it runs, when it expires [s], and the states that the outputs get then."""
+    """A board's watchdog: whether it runs, when it expires [s], and the states that the outputs get then."""
 
     def __init__(self) -> None:
         self.expires = math.inf

@@ -1,4 +1,4 @@
-"""Which noise model fits the residuals: the encoder's rounding, a random torque, or neither of them."""
+"""The noise model that fits the residuals: the encoder's rounding, a random torque, or neither."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _beyond_stated(whole: Estimate, told: Sequence[Estimate], count: int) -> flo
 
 
 def _joint_factor(fit: Fit, at: int, selections: Sequence[_Without]) -> Array:
-    """What a parameter's variance is times to be the covariance (P, P), with those parameters along that no selection tells.
+    """The covariance (P, P) per unit of a parameter's variance, together with the parameters that no selection determines.
 
     Those go with it as they do in the fit: of a record shorter than its time constant, gain and time constant in proportion.
     """

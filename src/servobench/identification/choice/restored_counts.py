@@ -79,7 +79,7 @@ def _plain_fits(data: Dataset) -> Iterator[Fit]:
 
 
 def _roughness(fit: Fit) -> float:
-    """How large a residual is from sample to sample, in Q/√12: what a motor does that the model doesn't know is smoother.
+    """The size of the residual's changes from sample to sample, in Q/√12: motion that the model lacks is smoother.
 
     Of white noise, fourth differences have √(1 + 16 + 36 + 16 + 1) times its standard deviation.
     """

@@ -1,4 +1,4 @@
-"""Which test of a mechanism to run next to know kA = τ/K better: each test adds its information to that of the data.
+"""The choice of the next test of a mechanism, to know kA = τ/K better: each test adds its information to that of the data.
 
 With P the present covariance and P' that of a test alone, the covariance from both is (P⁻¹ + P'⁻¹)⁻¹ if their errors are
 independent, and kA's variance follows to first order. P' only contains the noise of an encoder, so it ranks the tests and
@@ -31,7 +31,7 @@ class NextTest:
     """A test from rest, and what it would tell."""
 
     sentence: str
-    """What it does, in words."""
+    """The test in words."""
     half: float
     """Half of kA's 95 % interval after it, as a part of kA, if the encoder's noise were all that limits it."""
 

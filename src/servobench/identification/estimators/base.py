@@ -69,7 +69,7 @@ class IntervalsOnDemand(Mapping[str, tuple[float, float]]):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Fit:
-    """What an estimator gives: a model, and how well it is known.
+    """An estimator's answer: a model, and how well it is known.
 
     `covariance` (P, P) belongs to the model's parameters; `status` says in one sentence how the search ended, `converged` whether
     it did. `residual_sd` is in the unit of the output;
@@ -87,13 +87,13 @@ class Fit:
     status: str
     residual_sd: float
     records: tuple[FittedRecord, ...]
-    """What each record left over."""
+    """The residual of each record."""
     disturbance: Disturbance | None = None
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
-    """What there is to know about the search and what came out."""
+    """Remarks on the search and its outcome."""
     budget: tuple[Contribution, ...] = ()
-    """What made the intervals wider than the estimator's own."""
+    """The reasons why the intervals are wider than the estimator's own."""
 
     def __repr__(self) -> str:
         """The structure, the estimator and each parameter with half of its interval."""
@@ -169,7 +169,7 @@ class Fit:
 
     @property
     def fit_percent(self) -> float:
-        """How much of the output's variation the simulation explains, 100 (1 - |y - ŷ| / |y - mean|), over all records."""
+        """The share of the output's variation that the simulation explains, 100 (1 - |y - ŷ| / |y - mean|), over all records."""
         return fit_percent(self.records)
 
 
@@ -182,7 +182,7 @@ def fit_percent(records: Sequence[FittedRecord]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Abilities:
-    """What a method of identification can do; `hindrance` holds data and structure against it.
+    """The abilities of a method of identification; `hindrance` compares data and structure with them.
 
     `method` says in a few words what it does, `noise` what noise it is right for, `interval` what its intervals are worth, each
     without a full stop: docs/which-estimator.md is written from them (`make generate`). Data that need what isn't declared are
@@ -218,7 +218,7 @@ class Estimator(Protocol):
 
     @property
     def abilities(self) -> Abilities:
-        """What the method can do."""
+        """The method's abilities."""
         ...
 
     def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:

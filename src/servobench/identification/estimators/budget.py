@@ -21,10 +21,10 @@ class Contribution:
     """
 
     source: str
-    """What it comes from, in a few words."""
+    """The source, in a few words."""
     covariance: Array
     reason: str
-    """Why, in a sentence's words."""
+    """The reason, as a part of a sentence."""
     freedom: float = np.inf
 
 

@@ -166,7 +166,7 @@ class Point:
 
     @property
     def merit(self) -> float:
-        """How much of the error the instruments see, g' power⁻¹ g; 0 at the root."""
+        """The part of the error that the instruments see, g' power⁻¹ g; 0 at the root."""
         scale = 1.0 / np.sqrt(np.where(np.diag(self.power) > 0, np.diag(self.power), 1.0))
         if not np.isfinite(self.cost):
             return float("inf")
@@ -195,7 +195,7 @@ def _root(equations: Equations, start: Array) -> tuple[Point, NDArray[np.bool_],
 
 
 def _free(point: Point, lower: Array, upper: Array) -> NDArray[np.bool_]:
-    """Which entries may move: those that the instruments tell, and that no bound holds."""
+    """The entries that may move: those that the instruments determine and that aren't held at a bound."""
     step = point.g
     held = ((point.theta <= lower) & (step < 0)) | ((point.theta >= upper) & (step > 0))
     return np.asarray((np.diag(point.power) > 0) & ~held)

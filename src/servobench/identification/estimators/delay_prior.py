@@ -56,7 +56,7 @@ class DelayPrior:
     middle: float
     scale: float
     along: Array | None = None
-    """How the joint vector (P + ΣQ,) follows the delay between places that explain the data as well, where those lie apart."""
+    """The change of the joint vector (P + ΣQ,) with the delay between separate places that explain the data equally well."""
 
     def penalty(self, delay: float) -> float:
         """Return twice the negative logarithm of the prior's density at a delay [s], but for a constant."""
@@ -102,7 +102,9 @@ def where_expected(
 
 
 def _along(one: Minimum, other: Minimum, at: int) -> Array | None:
-    """How the joint vector (P + ΣQ,) follows the delay, number `at`, from one place to another; None where that is the same."""
+    """The change of the joint vector (P + ΣQ,) with the delay, number `at`, from one place to another; None if that is the
+    same.
+    """
     change = other.theta - one.theta
     return change / change[at] if change[at] else None
 
@@ -203,7 +205,7 @@ def _minima_at(
 
 
 def _samples(data: Sequence[Dataset], minimum: Minimum) -> float:
-    """How many samples of white noise the residuals are worth."""
+    """The number of samples of white noise that the residuals are worth."""
     return sum(
         effective_samples(jacobian_and_residual(record, prediction)[1])
         for record, prediction in zip(data, minimum.predictions, strict=True)

@@ -207,7 +207,7 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Profile:
-    """How likely disturbances are: the best one, trials around it with their weights.
+    """The likelihood of disturbances: the best one, and trials around it with their weights.
 
     `likelihood_ratio` is twice what its ln L is above that of none at all.
     """

@@ -140,7 +140,7 @@ def _scores(layout: Layout, minimum: Minimum) -> tuple[list[Array], float]:
 
 
 def _about(data: Sequence[Dataset], found: PointFit) -> list[Finding]:
-    """What the fit itself has to say."""
+    """Findings from the fit itself."""
     findings = []
     if not found.converged:
         findings.append(

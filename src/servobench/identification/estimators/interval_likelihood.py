@@ -100,7 +100,7 @@ ESTIMATORS.member("interval_likelihood")(IntervalLikelihood())
 
 
 def _no_bins(data: Dataset) -> str | None:
-    """Why a record's values aren't bins of an encoder; None where they are."""
+    """The reason why a record's values aren't bins of an encoder; None if they are."""
     if not data.quantum:
         return (
             f"needs the encoder's step, which {data.name} doesn't give: give the output in counts, or its "

@@ -26,7 +26,7 @@ _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing tha
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minimum:
-    """Where a search ended: the joint vector `theta` (P + ΣQ,), the predictions of all records there, the sum of squares `cost`.
+    """The end of a search: the joint vector `theta` (P + ΣQ,), the predictions of all records there, the sum of squares `cost`.
 
     `converged` says whether it came to a minimum, `status` in words how it ended. `others` are the minima that other starts led
     to, with the sum of squares of each.
@@ -55,7 +55,7 @@ class CurvedValley(Protocol):
 
     @property
     def held_at_first(self) -> NDArray[np.bool_]:
-        """Which of the parameters to hold while the others come near their place, (P,)."""
+        """The parameters to hold while the others approach their values, (P,)."""
         ...
 
     def move(self, theta: Array, change: Array) -> Array:
@@ -65,7 +65,7 @@ class CurvedValley(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the parameters of each record stand in the joint vector: the P shared ones first, then each record's own Q.
+    """The layout of the joint vector: the P shared parameters first, then each record's own Q.
 
     `structure` says which those are, `data` are the records.
     """
@@ -106,7 +106,7 @@ class Layout:
 
     @property
     def held_at_first(self) -> NDArray[np.bool_] | None:
-        """Which of the parameters a search should hold at first, (P,); None where the structure knows of none."""
+        """The parameters that a search should hold at first, (P,); None if the structure has none."""
         return self._curved.held_at_first if self._curved else None
 
     @cached_property
@@ -136,7 +136,7 @@ class Point:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descent:
-    """How a search went: the best point it saw, a last change so small that nobody looked behind it, and how it ended.
+    """The course of a search: the best point, a last change too small to evaluate, and how it ended.
 
     `converged` and `status` as in `Minimum`.
     """
@@ -308,13 +308,13 @@ def _evaluate(layout: Layout, theta: Array) -> tuple[tuple[Prediction, ...], flo
 
 
 def _next_damping(gained: float, foretold: float) -> float:
-    """What to multiply the damping by after a step that gained something."""
+    """The factor for the damping after a step that lowered the cost."""
     ratio = gained / foretold if foretold > 0 else 0.0
     return 0.01 if ratio > 0.9 else 0.1 if ratio > 0.5 else 1.0 if ratio > 0.25 else 4.0
 
 
 def _after_a_rise(cost: float, before: float) -> float:
-    """What to multiply the damping by after a step that was refused: ten, and more where the cost rose by orders of magnitude."""
+    """The factor for the damping after a refused step: ten, and more if the cost rose by orders of magnitude."""
     return 10 * min((cost / before) ** 0.25, 100.0) if before > 0 else 1000.0
 
 

@@ -130,7 +130,7 @@ def _covariance(model: WhitenedStructure, minimum: Minimum, tau: float, size: Ar
 
 
 def _minimum(fit: Fit) -> Minimum:
-    """Where output error's search ended."""
+    """The point where output error's search ended."""
     structure, theta = fit.model.structure, fit.vector
     layout = Layout(structure, tuple(record.data for record in fit.records))
     predictions = tuple(

@@ -136,7 +136,7 @@ class _Profile:
 
     @cached_property
     def _slope(self) -> Array:
-        """How the others follow the parameter along the valley (P + ΣQ - 1,)."""
+        """The change of the others with the parameter along the valley (P + ΣQ - 1,)."""
         free = np.arange(len(self.minimum.theta)) != self.at
         h = self._information
         return np.asarray(-inverse(h[np.ix_(free, free)]) @ h[free, self.at], dtype=np.float64)

@@ -62,7 +62,7 @@ def other_minima(
 
 
 def _odds(place: Minimum, theta: Array, cost: float, samples: int, prior: DelayPrior | None) -> float:
-    """How likely an end is beside the place; at most as likely, as the place was chosen."""
+    """The likelihood of an end relative to the place; at most 1, as the place was chosen."""
     exponent = samples * float(np.log(max(cost, 1e-300) / place.cost))
     if prior is not None:
         exponent += prior.penalty(float(theta[prior.at])) - prior.penalty(float(place.theta[prior.at]))

@@ -229,7 +229,7 @@ def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: DelayP
 def _of_held(
     layout: Layout, minimum: Minimum, variance: float, free: Array, held: NDArray[np.bool_]
 ) -> Array:
-    """What the others' covariance has more as a parameter that is held at its bound may lie beyond it, on the side that can be.
+    """The others' additional covariance if a parameter held at its bound may lie beyond it, on the possible side.
 
     `free` is (J'J)⁻¹ (P, P). The free estimate is a from the bound, on the wrong side, with a standard deviation s; the truth's
     distance is a normal one cut at zero, with a mean square q, and moves the others by their slopes along it.

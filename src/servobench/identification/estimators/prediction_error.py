@@ -179,7 +179,7 @@ def time_constant(structure: Structure, theta: Array) -> float:
 def _profile(
     structure: Structure, data: Sequence[Dataset], theta: Array, earlier: Profile | None = None
 ) -> Profile:
-    """How likely disturbances are near theta.
+    """The likelihood of disturbances near theta.
 
     Blocks that are short beside τ may still be long beside the memory of the filter; then it is done again with shorter ones.
     """

@@ -223,7 +223,7 @@ class Recursive:
 
     @property
     def _places(self) -> dict[str, int]:
-        """Where the parameters stand in a reference."""
+        """The index of each parameter in a reference."""
         if self.setting.structure is not None:
             names = [parameter.name for parameter in self.setting.structure.parameters]
             return dict(zip(names, map(int, self.setting.structure.columns), strict=True))
@@ -341,7 +341,7 @@ ESTIMATORS.member("recursive")(RecursiveFit())
 def _follow_records(
     structure: FirstOrder, data: Sequence[Dataset], starts: Sequence[Array] | None
 ) -> Recursive:
-    """What followed all records to their ends."""
+    """The estimate after all records."""
     own = len(structure.parameters) + len(structure.nuisance(data[0]))
     live = Recursive(
         Setting(

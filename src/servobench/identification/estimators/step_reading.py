@@ -140,7 +140,7 @@ def read_alike(
 
 
 def _scale(readings: Readings, values: Array) -> Array:
-    """How large gain, time constant and lost input (3,) are; the last is measured by the levels of the input."""
+    """The scales of gain, time constant and lost input (3,); the last is that of the input's levels."""
     largest = max(max(abs(step.before), abs(step.after)) for step in readings.steps)
     return np.array([abs(float(values[0])), abs(float(values[1])), largest])
 
@@ -276,7 +276,7 @@ def _records(structure: Structure, data: Sequence[Dataset], theta: Array) -> tup
 
 
 def _remarks(name: str, readings: Readings, data: Sequence[Dataset]) -> list[Finding]:
-    """What there is to know of a reading, whichever its rule."""
+    """The findings on a reading, by any rule."""
     n = len(readings.steps)
     found = []
     if any(record.kind == "position" for record in data):
@@ -312,7 +312,7 @@ def _remarks(name: str, readings: Readings, data: Sequence[Dataset]) -> list[Fin
 
 
 def _lag_told(name: str, data: Sequence[Dataset], read: float, true: float) -> list[Finding]:
-    """What the measurement chain does to a reading that leaves it in."""
+    """The effect of the measurement chain on a reading that ignores it."""
     lag = (read - true) / true
     if not any(record.kind == "position" or record.chain for record in data) and abs(lag) < _LARGE:
         return []

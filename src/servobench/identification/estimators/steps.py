@@ -182,7 +182,7 @@ def _between(t: Array, start: float, end: float) -> slice:
 
 
 def _obstacle(step: Step, t: Array, speed: Array, value: Array) -> str:
-    """Why a step can't be read, empty where it can."""
+    """The reason why a step can't be read; empty if it can."""
     before, after = step.steady(t, speed)
     scatter = max(float(before.std()), float(after.std()))
     if abs(float(after.mean() - before.mean())) < _CLEAR * scatter:
@@ -210,7 +210,7 @@ def omission_text(left_out: Sequence[tuple[Step, str]]) -> str:
 
 
 def _advice(left_out: Sequence[tuple[Step, str]], data: Sequence[Dataset], speeds: Sequence[Array]) -> str:
-    """How long each level would have to be held, from the step that was held longest."""
+    """Advice on how long to hold each level, from the step that was held longest."""
     step = max((step for step, _ in left_out), key=lambda step: step.held)
     tau = apparent_time_constant(step, data[step.record].t_output, speeds[step.record])
     wait = "until the speed no longer changes"

@@ -53,7 +53,7 @@ def with_unseen_torque(fit: Fit) -> Fit:
 
 
 def _extra_covariance(fit: Fit) -> Array:
-    """What the mixture has more than the covariance without a torque (P, P)."""
+    """The additional covariance of the mixture over that without a torque (P, P)."""
     data = [record.data for record in fit.records]
     structure, tau, shared = fit.model.structure, fit.model["time_constant"], len(fit.model.theta)
     speed = abs(fit.model["gain"]) * max(float(np.abs(record.u).max(initial=0.0)) for record in data)
@@ -92,7 +92,7 @@ def tail_factor(weights: Array, means: Array, variances: Array, variance: float)
 
 
 def _weights(trials: list[Trial]) -> Array:
-    """How probable each trial is, the first of them being that without a torque."""
+    """The probability of each trial; the first is without a torque."""
     deviances = np.array([trial.deviance for trial in trials])
     prior = np.append(1.0, np.full(len(trials) - 1, 1.0 / (len(trials) - 1)))
     weights = prior * np.exp(-0.5 * (deviances - deviances.min()))

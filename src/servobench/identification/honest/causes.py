@@ -1,4 +1,4 @@
-"""Why runs differ: which parameters change together, and with what.
+"""The causes of differences between runs: which parameters change together, and with what.
 
 A first-order motor has K = k/(R b + k²), τ = R J/(R b + k²), and Coulomb friction T_c takes u_c = T_c R/k volts. By algebra each
 cause moves (ln K, ln τ, ln u_c) in a direction of its own, to first order, for small friction b:

@@ -26,7 +26,7 @@ class Parameter:
 
     name: str
     meaning: str
-    """What it is, in a few words."""
+    """A description, in a few words."""
     unit: str
     lower: float = -np.inf
     """Smallest value, in the unit."""
@@ -40,7 +40,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """What a structure predicts for a dataset, in the dataset's own terms.
+    """A structure's prediction for a dataset, in the dataset's own terms.
 
     `y` (M,) in the dataset's output unit; `jacobian` (M, P + Q): by the P parameters, then by the Q nuisance parameters of
     this record; `valid` (M,) is False where the chain still looks back before the record.

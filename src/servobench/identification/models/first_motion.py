@@ -1,4 +1,4 @@
-"""What the first motion of a record shows: the longest possible delay, and that the shaft rests until then."""
+"""The evidence in the first motion of a record: the longest possible delay, and that the shaft rests until then."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def stands_at_first(data: Dataset) -> bool:
 
 
 def _standstill_time(data: Dataset) -> float:
-    """How long [s] the output stays where it begins; 0 for one that never leaves."""
+    """The time [s] for which the output keeps its first value; 0 if it never leaves it."""
     away = np.flatnonzero(np.abs(data.y - np.median(data.y[:_FEW])) > data.noise)
     return float(data.t_output[away[0]] - data.t_output[0]) if len(away) else 0.0
 

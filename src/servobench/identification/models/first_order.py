@@ -59,7 +59,7 @@ class FirstOrder:
 
     @cached_property
     def columns(self) -> NDArray[np.int64]:
-        """Where the parameters stand in the kernel's vector (K, τ, u₀, u_c, d)."""
+        """The indices of the parameters in the kernel's vector (K, τ, u₀, u_c, d)."""
         return np.array([2 if p is ONE_WAY else _COLUMN[p.name] for p in self.parameters])
 
     @cached_property
@@ -69,7 +69,7 @@ class FirstOrder:
 
     @cached_property
     def linear_columns(self) -> NDArray[np.int64]:
-        """Where those parameters stand that the output is linear in, given the direction of motion: (S,), ascending."""
+        """The indices of those parameters in which the output is linear for a known direction of motion: (S,), ascending."""
         from servobench.identification.models import kernels
 
         linear = (kernels.GAIN, kernels.OFFSET, kernels.COULOMB)

@@ -1,4 +1,4 @@
-"""What a motor does whose delay is in part the lag of a fast pole, such as the winding's.
+"""A motor whose delay is in part the lag of a fast pole, such as the winding's.
 
 A pole 1/(1 + ℓ s) spreads a change of the input over exponentially distributed delays of mean ℓ. Ten of them stand for all: the
 means of eight parts of 11 % each, in which a stop or a start may fall, and two for the rest, with its moments up to the third

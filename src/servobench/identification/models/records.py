@@ -1,4 +1,4 @@
-"""What all structures with the state (θ, ω) share: the start state of a record, its chain, and a start near rest."""
+"""The common part of all structures with the state (θ, ω): a record's start state, its chain, and a start near rest."""
 
 from __future__ import annotations
 

@@ -67,11 +67,11 @@ class _Trial:
 
 
 class Separable(Structure, Protocol):
-    """What the search has to know of a first-order structure: where in the kernel's vector its parameters stand."""
+    """A first-order structure as the search needs it: the indices of its parameters in the kernel's vector."""
 
     @property
     def columns(self) -> NDArray[np.int64]:
-        """Where the parameters stand in the kernel's vector (K, τ, u₀, u_c, d)."""
+        """The indices of the parameters in the kernel's vector (K, τ, u₀, u_c, d)."""
         ...
 
     @property
@@ -81,7 +81,7 @@ class Separable(Structure, Protocol):
 
     @property
     def linear_columns(self) -> NDArray[np.int64]:
-        """Where those parameters stand that the output is linear in, given the direction of motion: (S,), ascending."""
+        """The indices of those parameters in which the output is linear for a known direction of motion: (S,), ascending."""
         ...
 
     def with_parameters(self, parameters: tuple[Parameter, ...]) -> Self:

@@ -85,7 +85,7 @@ def _top(moved: Array) -> float:
 
 
 def _quick(data: Dataset, span: int) -> Mask:
-    """Which samples lie in a span that is gone through quickly, whole (M,)."""
+    """The samples in a span that the motor passes quickly, all of it (M,)."""
     speed = (data.y[span:] - data.y[:-span]) / (data.t_output[span:] - data.t_output[:-span])
     quick = np.abs(speed) > _SLOW * _top(speed)
     inside = np.ones(len(data.y), dtype=bool)

@@ -104,7 +104,7 @@ def doubts(line: CurrentLine | None) -> Finding | None:
 
 
 def _all_rows(fit: Fit, theta: Array, lag: float) -> list[tuple[Array, Array]]:
-    """What `_rows` gives for each record with a current."""
+    """The rows of `_rows` for each record with a current."""
     settled = _SETTLED * max(_whole_delay(fit), lag, 0.0)
     return [
         _rows(fit, record, theta, lag, settled) for record in fit.records if record.data.current is not None
@@ -155,7 +155,7 @@ def _rows(fit: Fit, record: FittedRecord, theta: Array, lag: float, settled: flo
 
 @keep_with_data
 def _hold_times(data: Dataset) -> tuple[Array, Array]:
-    """How long [s] the input has held at each sample of the output (M,), and its value (M,) just before it."""
+    """The time [s] for which the input has held at each sample of the output (M,), and its value (M,) just before."""
     step = _TOLERANCE * data.sample_time
     before = np.concatenate([[data.input_before], data.u[:-1]])
     changes = data.t_input[data.u != before]

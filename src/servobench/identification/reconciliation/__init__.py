@@ -1,1 +1,1 @@
-"""Why values differ: causes of the difference between data, data sheets and claims, and their probabilities."""
+"""The reasons why values differ: causes of the difference between data, data sheets and claims, and their probabilities."""

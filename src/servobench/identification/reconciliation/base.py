@@ -118,7 +118,7 @@ class Decision:
     """An experiment that decides whether a cause is one: what to do and to look at, and the run if a signal is all it takes."""
 
     sentence: str
-    """What to do, and what would come out for which cause."""
+    """The next step, with its outcome under each cause."""
     experiment: Experiment | None = None
 
 

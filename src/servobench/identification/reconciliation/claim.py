@@ -33,7 +33,7 @@ class Claim:
     """A claimed gain [unit of the data] or time constant [s], known to ± `half_width`; `text` is how it was written."""
 
     name: Claimed
-    """Which of the two it is."""
+    """The kind of the claim."""
     value: float
     """The figure itself."""
     half_width: float

@@ -20,7 +20,7 @@ class Difference:
     """A figure of the data and the other one, a claim's or a data sheet's, each with half of its 95 % interval."""
 
     name: Name
-    """Which figure it is."""
+    """The figure."""
     unit: str
     """The unit of all four."""
     data: float
@@ -48,13 +48,13 @@ class Explanation:
 
     verdict: Verdict
     findings: tuple[Finding, ...]
-    """What there is to know about the data."""
+    """Remarks on the data."""
     origin: Origin
     """Whose figures are held against the data: a claim's, or a data sheet's."""
     differences: tuple[Difference, ...] = ()
     agrees: bool = False
     readings: tuple[Reading, ...] = ()
-    """What methods read off the same data."""
+    """The values that methods read off the same data."""
     nearest: Reading | None = None
     """The reading that comes nearest to the claim."""
     causes: tuple[JudgedCause, ...] = ()

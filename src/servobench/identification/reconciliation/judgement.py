@@ -52,7 +52,7 @@ class Share:
     """
 
     name: Name
-    """Which figure it is."""
+    """The figure."""
     value: float
     """The part."""
     interval: tuple[float, float]
@@ -72,7 +72,7 @@ class JudgedCause:
     label: str
     """The same for people."""
     law: str
-    """What it does to gain and time constant."""
+    """Its effect on gain and time constant."""
     probability: float
     """That it takes part, alone or with another; 0 where it isn't possible."""
     possible: bool

@@ -1,4 +1,4 @@
-"""What a method reads off the data, and what filters would add to it."""
+"""The value that a method reads off the data, and the effect of filters on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What explains a difference: from a result and claims, or a fit and a data sheet, to causes."""
+"""The explanation of a difference: from a result and claims, or a fit and a data sheet, to causes."""
 
 from __future__ import annotations
 

@@ -47,9 +47,9 @@ class Part:
 
     name: str
     held: tuple[Dataset, ...]
-    """What is left out."""
+    """The part left out."""
     rest: tuple[Dataset, ...]
-    """What the model is fitted to."""
+    """The part that the model is fitted to."""
 
 
 def cross_validate(estimator: Estimator, data: Sequence[Dataset], fit: Fit) -> Validation | None:

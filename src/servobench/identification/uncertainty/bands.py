@@ -1,4 +1,4 @@
-"""What a model's curves look like within the uncertainty of its parameters: a band of 95 % at each point."""
+"""A model's curves within the uncertainty of its parameters: a band of 95 % at each point."""
 
 from __future__ import annotations
 

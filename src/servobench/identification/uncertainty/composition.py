@@ -1,4 +1,4 @@
-"""What the width of each interval is made of: the lines of a fit's budget as shares of the variance of each parameter."""
+"""The composition of each interval's width: the lines of a fit's budget as shares of the variance of each parameter."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class BudgetLine:
     """
 
     source: str
-    """What it comes from, in a few words."""
+    """The source, in a few words."""
     shares: Mapping[str, float]
     half_widths: Mapping[str, float]
     freedom: float
     reason: str
-    """Why, in a sentence's words."""
+    """The reason, as a part of a sentence."""
 
 
 def composition(fit: Fit) -> tuple[BudgetLine, ...]:

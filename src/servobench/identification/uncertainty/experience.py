@@ -1,4 +1,4 @@
-"""What other real motors have taught about the error of a first-order model: factors and relative floors.
+"""The errors of first-order models of other real motors: factors and relative floors.
 
 Recordings of one motor disagree by more than any one of them can show of itself. `bench/real.py` tries intervals on recordings
 of other motors, each against the others of its own; the figures here are those with which the intervals hold (decision 0036).

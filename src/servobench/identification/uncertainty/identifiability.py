@@ -1,4 +1,4 @@
-"""What a record tells of each parameter: its value, a combination that it is part of, a bound, or nothing.
+"""The answer of a record for each parameter: its value, a combination that it is part of, a bound, or nothing.
 
 A record may know a gain to 1 % and nothing of a time constant. Two parameters that nothing tells apart are often well known
 together: time constant and delay as the lag behind a slow input, gain and friction as the speed that a voltage leads to, gain
@@ -30,7 +30,7 @@ _GRAVITY = ("gravity_voltage_sine", "gravity_voltage_cosine")
 
 
 class State(StrEnum):
-    """What is known of a parameter."""
+    """How far a parameter is known."""
 
     KNOWN = "known"
     COMBINATION = "combination"
@@ -40,7 +40,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Combination:
-    """What is known of several parameters together: `parameters`, in words as `meaning`, with its 95 % interval.
+    """A known combination of several parameters: `parameters`, its `meaning` in words, and its 95 % interval.
 
     `input_level` in `input_unit` is the level of the input that it holds at, None where it holds at any.
     """
@@ -57,7 +57,7 @@ class Combination:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterStatus:
-    """What a record tells of one parameter.
+    """A record's answer for one parameter.
 
     `combination` is the name of the combination that it is known in, `remedy` what would tell it; empty where it is known.
     """
@@ -66,7 +66,7 @@ class ParameterStatus:
     state: State
     """Known, in a combination only, bounded, or unknown."""
     estimate: Estimate
-    """What the fit says of it, whatever it is worth."""
+    """The fit's estimate, whatever it is worth."""
     combination: str = ""
     remedy: str = ""
 
@@ -143,7 +143,7 @@ def _largest(fit: Fit, name: str) -> float:
 
 
 def _size(fit: Fit, name: str) -> float:
-    """What a parameter is small or large beside: the lag of the motor, or the largest input."""
+    """The scale of a parameter: the motor's lag, or the largest input."""
     if name == "delay":
         return (
             float(fit.model["time_constant"] + abs(fit.model["delay"]))

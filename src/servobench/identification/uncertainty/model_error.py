@@ -1,4 +1,4 @@
-"""What the model's being no more than a model adds to the intervals: from the residual, and from experience.
+"""The model error's part in the intervals: from the residual, and from experience.
 
 A residual that is coloured by model error says more or less of a parameter the slower it changes beside the information that the
 record gives of it. So the scores J'e are summed on a clock of information, bins of equal leverage, and their long-run variance
@@ -60,7 +60,7 @@ _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelError:
-    """What a fit shows of the error of its model.
+    """The evidence of a fit on its model's error.
 
     `ratio` is how much wider than for white noise the residual makes the intervals, at the worst parameter; `events` how many
     stretches of equal weight tell gain, lag and friction, as far as they are there; `shares` (0 to 1) how much of the experience
@@ -150,7 +150,9 @@ def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
 
 
 def _evident(fit: Fit, ratio: float, events: float) -> float:
-    """How plainly a residual shows that the model is wrong (0 to 1): its long-run variance is large, or it follows the input."""
+    """The strength of a residual's evidence against the model (0 to 1): its long-run variance is large, or it follows the
+    input.
+    """
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
     if not counted and max(input_correlation(record) for record in fit.records) > TIED:
         return 1.0
@@ -163,7 +165,7 @@ def _experience(events: float) -> Experience:
 
 
 def _of(each: Mapping[str, float], name: str) -> float:
-    """What is so for a parameter: for both parts of the lag that of the lag, else the most of gain and friction."""
+    """The value for a parameter: for both parts of the lag that of the lag, else the larger of gain and friction."""
     if name in ("time_constant", "delay"):
         return each["lag"]
     return max(value for of, value in each.items() if of != "lag")
@@ -182,7 +184,9 @@ def _reason(found: ModelError, events: float) -> str:
 
 
 def _by_prior(fit: Fit, white: Array) -> Array:
-    """What of a covariance (P, P) is there as a delay is expected and not told: no residual says that loops differ by more."""
+    """The part of a covariance (P, P) that comes from a delay's prior and not from the data: no residual shows loops to differ
+    more.
+    """
     prior = delay_prior.prior_of(fit)
     if prior is None:
         return np.zeros_like(white)
@@ -191,7 +195,7 @@ def _by_prior(fit: Fit, white: Array) -> Array:
 
 
 def _directions(fit: Fit, scale: Array) -> tuple[Array, list[str]]:
-    """What is asked of the parameters as rows (G, P) in scaled parameters, and their names: gain, lag τ + d, friction."""
+    """The directions of interest as rows (G, P) in scaled parameters, and their names: gain, lag τ + d, friction."""
     names = fit.model.names
     lag = np.zeros(len(names))
     for name in ("time_constant", "delay"):
@@ -213,7 +217,7 @@ def _long_run_on_the_clock(j: Array, e: Array) -> Array:
 
 
 def _stretches(fit: Fit) -> NDArray[np.int64]:
-    """Where stretches begin, among the valid samples of all records."""
+    """The first samples of the stretches, among the valid samples of all records."""
     starts, row = [], 0
     for record in fit.records:
         starts += [row + n for n in _cuts(record)]
@@ -222,7 +226,7 @@ def _stretches(fit: Fit) -> NDArray[np.int64]:
 
 
 def _events(starts: NDArray[np.int64], influence: Array) -> list[float]:
-    """How many stretches of the record tell each of what is asked, influence (N, G): 1/Σ s², s the share of each stretch."""
+    """The effective number of stretches for each direction, from their influence (N, G): 1/Σ s², s the share of each stretch."""
     power = np.add.reduceat(influence**2, starts, axis=0)
     shares = power / np.maximum(power.sum(axis=0), 1e-300)
     return [float(count) for count in 1.0 / np.maximum(np.sum(shares**2, axis=0), 1e-300)]
@@ -231,7 +235,7 @@ def _events(starts: NDArray[np.int64], influence: Array) -> list[float]:
 def _by_the_others(
     fit: Fit, told: Array, e: Array, starts: NDArray[np.int64], influence: Array, direction: Array
 ) -> float:
-    """How far off a parameter may be by what the record says of it without the stretch that tells most, in e's deviations.
+    """The error of a parameter shown by the record without the stretch with the most influence, in e's deviations.
 
     √(s² + d²): s is the standard deviation that the rest gives it, d by how much the rest's estimate differs. `told` (N, J) is
     the Jacobian in coordinates in which the whole information is the unit matrix, `direction` (J,) the parameter in them. Speed
@@ -256,7 +260,7 @@ def _by_the_others(
 
 
 def _free_from(fit: Fit, row: int) -> Array:
-    """What other speeds and positions from a valid sample on, to the end of its record, make of the innovations (N, 2)."""
+    """The effect of another speed and position at a valid sample on the innovations from there to the record's end (N, 2)."""
     tau, columns = abs(fit.model["time_constant"]) or 1.0, []
     for record in fit.records:
         t, count = record.data.t_output, int(record.valid.sum())
@@ -271,7 +275,7 @@ def _free_from(fit: Fit, row: int) -> Array:
 
 
 def _cuts(record: FittedRecord) -> list[int]:
-    """Where stretches of a record begin, among its valid samples: at jumps of the input, and where it turns round without one."""
+    """The first samples of a record's stretches, among its valid ones: at jumps of the input, and at reversals without one."""
     u = record.data.input_at_output[record.valid]
     least = _JUMP * float(np.ptp(record.data.u))
     jumps = _jumps(u, least)
@@ -311,7 +315,7 @@ def _turns(u: Array, least: float) -> list[int]:
 
 
 def _of_short_records(fit: Fit, lag: float) -> Array:
-    """What the floor of the lag [s] is more times (P, P), where all records end before the motor has its speed.
+    """The factor (P, P) for the lag's floor [s] if all records end before the motor is at speed.
 
     Over a time T the speed bends away from a straight line by T/2τ of itself, so that a model error that moves the lag by a part
     of itself in a whole step moves it by (τ/T)² of that. The gain goes with it: what is known is the slope K/τ.
@@ -346,7 +350,7 @@ def _sd(fit: Fit, gradient: Array) -> float:
 
 
 def _of_friction(fit: Fit) -> Array:
-    """What the gain's floor is times for the friction (P, P): at the mean input the speed K (u - u_c) is what the data show."""
+    """The factor (P, P) that turns the gain's floor into the friction's: at the mean input the data show the speed K (u - u_c)."""
     names, theta = fit.model.names, fit.model.theta
     mean = float(np.mean(np.abs(np.concatenate([record.data.u for record in fit.records]))))
     times = [

@@ -65,7 +65,7 @@ def lag_covariance(fit: Fit) -> Array:
 
 
 def _likelihood(rest: Array, innovations: Array, powers: Array) -> Array:
-    """How probable each share is (S,), by what the innovations (N,) say of columns (N, 2), of which each has its `powers` (2, S).
+    """The probability of each share (S,), from the innovations (N,) and columns (N, 2), each with its `powers` (2, S).
 
     Where the innovations are coloured, they say as much less as the variance of the score for the whole lag is larger.
     """

@@ -1,4 +1,4 @@
-"""What a term of unknown size, which a motor may have and its model lacks, adds to the covariance.
+"""The additional covariance for a term of unknown size that a motor may have and its model lacks.
 
 Its size s is one for all records. Before the data it is zero with a chance of three quarters, else anything up to a largest one,
 all sizes being alike probable. It moves the parameters by s B c, c the derivative of the innovations by s and B = (J'J)⁻¹ J', so

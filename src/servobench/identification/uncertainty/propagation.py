@@ -301,7 +301,7 @@ def _at_rank(ordered: Array, rank: float) -> float:
 
 
 def _hangs_on_unknown(slopes: Array, covariance: Array) -> NDArray[np.bool_]:
-    """Which rows of a gradient (N, P) have a share of a parameter that the data don't determine."""
+    """Rows of a gradient (N, P) with a share of a parameter that the data don't determine."""
     unknown = ~np.isfinite(np.diag(covariance))
     return np.asarray((slopes[:, unknown] != 0.0).any(axis=1), dtype=np.bool_)
 

@@ -1,4 +1,4 @@
-"""What a result is good for: to simulate, to tune a loop, to compare motors, each as far as its intervals carry."""
+"""The uses of a result: to simulate, to tune a loop, to compare motors, each as far as its intervals permit."""
 
 from __future__ import annotations
 

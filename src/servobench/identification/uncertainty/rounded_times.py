@@ -1,4 +1,4 @@
-"""What the rounding of the input's times adds to the intervals, where a record's times are whole microseconds or milliseconds.
+"""The rounding of the input's times in the intervals, if a record's times are whole microseconds or milliseconds.
 
 A voltage that began to hold a little earlier or later than its time says leaves its mark on the angle for good: over many changes
 the angle wanders from that of the model, and the more so the longer the record is. White noise of the output doesn't stand for

@@ -42,7 +42,7 @@ _AT_ONCE = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """What a motor did, at the same times: input and speed over their largest values, position, and how far the record is gone.
+    """The motion at the same times: input and speed over their largest values, position, and the elapsed part of the record.
 
     `gone` runs from -1 to 1; the position is in its own unit, and `fastest` is the largest speed in that unit per second; `load`
     is what gravity takes by the model, over its largest value.
@@ -91,7 +91,7 @@ class Term:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TermScore:
-    """How strongly the data ask for a term (`size`, in standard deviations), and how much of it they ask for.
+    """The strength of the data's evidence for a term (`size`, in standard deviations), and the term's amount.
 
     `amount` (K,) of what the term adds, in the unit of the input or of the output, with its `covariance` (K, K); `moved` is by
     how many of their own standard deviations gain or time constant, whichever is worse, are off without it, `off` (P,) is by how
@@ -131,7 +131,7 @@ class ScoreTest:
         self.hidden = _unresolvable_ripple(fit)
 
     def scores(self, terms: Sequence[Term]) -> Iterator[TermScore]:
-        """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
+        """The amount in the innovations of each term that these data could show; only from 2 deviations on."""
         in_radians = all(run.record.data.position_unit == "rad" for run in self.runs)
         possible = [term for term in terms if term.code != "ripple" or in_radians]
         at_once = max(_AT_ONCE // len(self.innovations), 1)
@@ -221,7 +221,9 @@ def size_beside(shown: TermScore, others: Sequence[TermScore]) -> float:
 
 
 def _size_of(fit: Fit, innovations: Array, rest: Array) -> tuple[float, Array]:
-    """How much the innovations have of columns (N, K), in standard deviations, and the covariance (K, K) for their own colour."""
+    """The size of columns (N, K) in the innovations, in standard deviations, and the covariance (K, K) for the innovations'
+    colour.
+    """
     total = innovations @ rest
     score = rest * innovations[:, None]
     coloured = long_run(score, andrews_lag(score))
@@ -293,14 +295,14 @@ class _Run:
         return simulate_output(self.fit.model.structure, self.theta, self.plain)
 
     def columns(self, terms: Sequence[Term]) -> tuple[Array, NDArray[np.int64]]:
-        """What terms add to the innovations, as columns (valid, K), and the number of the term of each (K,)."""
+        """The innovations due to terms, as columns (valid, K), and the number of the term of each (K,)."""
         added = [self._output_of(term) for term in terms]
         whose = np.repeat(np.arange(len(terms)), [len(each) for each in added])
         columns = np.column_stack([column for each in added for column in each])
         return in_innovations(self.fit, self.record, columns), whose
 
     def _output_of(self, term: Term) -> list[Array]:
-        """What a term adds to the output, as columns (M,)."""
+        """The output due to a term, as columns (M,)."""
         added = []
         if term.to_input is not None:
             for extra in term.to_input(self.motion):

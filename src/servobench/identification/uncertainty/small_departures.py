@@ -48,12 +48,12 @@ def with_small_departures(fit: Fit) -> Fit:
 
 
 def _columns(test: ScoreTest, term: Term) -> Array:
-    """What a term adds to the innovations of all records (N,)."""
+    """The innovations of all records due to a term (N,)."""
     return np.asarray(np.concatenate([run.columns([term])[0][:, 0] for run in test.runs]), dtype=np.float64)
 
 
 def _warming(gain: float, largest: float) -> Term:
-    """What a resistance takes of the input that doubles within a record, in parts of the largest input [input unit]."""
+    """The input taken by a resistance that doubles within a record, in parts of the largest input [input unit]."""
 
     def drop(motion: Motion) -> tuple[Array, ...]:
         driving = motion.input - motion.fastest / (gain * largest) * motion.speed
@@ -63,7 +63,7 @@ def _warming(gain: float, largest: float) -> Term:
 
 
 def _behind_a_gap(motion: Motion) -> tuple[Array, ...]:
-    """What typical play adds to a position that begins with the gap used up: nothing until the shaft turns back."""
+    """The position due to typical play if the record begins with the gap closed: nothing until the shaft reverses."""
     half = 0.5 * _TYPICAL * _PLAY
     sense = np.sign(motion.speed[np.flatnonzero(motion.speed)[:1]]).sum()
     seen, at = np.empty(len(motion.position)), float(motion.position[0] - sense * half)

@@ -1,4 +1,4 @@
-"""What the data leave open of stability: is it the same verdict for all parameters within their intervals?
+"""The stability left open by the data: is the verdict the same for all parameters within their intervals?
 
 Tried are the corners of the box of the 95 % intervals and parameters drawn from what the fit says of them, correlations and all.
 A verdict that holds for all of these is stated with what the draws can tell: of n draws without an exception, less than 3/n of

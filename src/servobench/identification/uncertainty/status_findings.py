@@ -1,4 +1,4 @@
-"""What is said of parameters that a record doesn't tell by themselves, and when nothing at all is known."""
+"""Findings on parameters that a record doesn't determine by themselves, and the case where none is known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of a parameter that isn't known by itself, in a few words, for tables."""
+"""The text for a parameter that isn't known by itself, in a few words, for tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a student does an exercise: a motor of their own, and recordings that tell nothing of it but what was measured."""
+"""A student's stand: a motor of their own, and recordings that contain nothing of it but measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What students get: a folder each with their recording, the exercise's page without answers, and a form."""
+"""The handout for students: a folder each with their recording, the exercise's page without answers, and a form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be asked of a student: the blanks whose answers their recording tells, and how far neighbours' answers are apart."""
+"""Questions for a student: the blanks whose answers follow from their recording, and the distance between neighbours' answers."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Row:
     cells: dict[str, str]
     line: int
     spare: int = 0
-    """How many cells it has more than there are headings, but for empty ones at its end."""
+    """The number of cells beyond the headings, without empty ones at the end."""
 
 
 @dataclass(frozen=True, kw_only=True)

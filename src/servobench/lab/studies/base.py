@@ -35,7 +35,7 @@ class Column:
 
     name: str
     heading: str
-    """What stands above it."""
+    """Its heading."""
     values: tuple[Cell, ...]
     """Numbers or words, a cell for each row."""
     unit: str = ""
@@ -51,7 +51,7 @@ class Table:
     """
 
     title: str
-    """What stands above it."""
+    """Its heading."""
     columns: tuple[Column, ...]
     note: str = ""
 

@@ -45,7 +45,7 @@ class CutoffSweep(StudySettings):
     )
     """Cut-offs of the filter [rad/s]."""
     discretisation: Discretisation = "euler"
-    """How the filter is computed: euler (as the paper's simulation loop does), zoh or tustin."""
+    """The filter's computation: euler (as the paper's simulation loop does), zoh or tustin."""
     voltage: Voltage | None = None
     """Constant voltage at which the noise is looked at; without it the highest of the exercise's signal [V]."""
 

@@ -21,7 +21,7 @@ class Body(Settings):
     """Something that turns: a disc of a mass and a radius, or anything of a known inertia."""
 
     name: Annotated[str, Field(min_length=1)]
-    """What it is."""
+    """The part's name."""
     mass: Mass | None = None
     """Mass [kg]."""
     radius: Length | None = None
@@ -47,7 +47,7 @@ class Total(Settings):
     """Bodies that are added up, by their names."""
 
     name: Annotated[str, Field(min_length=1)]
-    """What the sum is called."""
+    """The sum's name."""
     of: Annotated[tuple[str, ...], Field(min_length=1)]
     """The names of the bodies."""
 

@@ -25,7 +25,7 @@ class Candidate(Settings):
     """A model K/(τs + 1): expressions over facts give K and τ."""
 
     name: Annotated[str, Field(min_length=1)]
-    """What it is called."""
+    """Its name."""
     gain: str
     """The expression for K, in rad/(s·V)."""
     time_constant: str

@@ -27,7 +27,7 @@ class Quadrature(StudySettings):
     """
 
     drawn: Annotated[int, Field(ge=1, le=8)] = 2
-    """How many lines of the disc are drawn."""
+    """The number of the disc's lines that are drawn."""
 
     def __call__(self, stand: Stand) -> StudyResult:
         """Return the four states of a line as a table, and the channels over the angle."""

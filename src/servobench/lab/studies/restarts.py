@@ -16,7 +16,7 @@ class Restarts(StudySettings):
     """The exercise's experiment several times in a row: the counter at the first and at the last sample of each run."""
 
     runs: Annotated[int, Field(ge=2, le=5)] = 2
-    """How many runs there are, that of the exercise among them."""
+    """The number of runs, including the exercise's own."""
 
     def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of first and last counts."""

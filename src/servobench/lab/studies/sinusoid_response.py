@@ -54,7 +54,7 @@ class SinusoidResponse(StudySettings):
     """
 
     periods: Annotated[int, Field(ge=3, le=50)] = 4
-    """How many periods each run lasts; the last two are looked at."""
+    """The length of each run in periods; the last two are evaluated."""
     waves: Annotated[tuple[Wave, ...], Field(min_length=1)] = (
         Wave(),
         Wave(amplitude=3.0),

@@ -32,7 +32,7 @@ class Case(Settings):
     solver: str
     """Its name: exact, euler, rk4 or adaptive."""
     step: PositiveTime
-    """How far each step goes [s]."""
+    """The step size [s]."""
     inductance: bool = True
     """Whether the winding's inductance is computed; without it the motor is of first order."""
 

@@ -51,7 +51,7 @@ class SteadyStateErrors(OfAMotor):
     controllers: Annotated[tuple[AnyController, ...], Field(min_length=1)]
     """The controllers, all pid of the position."""
     coulomb_voltage: str = "0"
-    """What friction takes, an expression over facts [V]."""
+    """The voltage that friction takes, an expression over facts [V]."""
     step: Angle = 1.5
     """Height of the step [rad]."""
     slope: Speed = 5.0

@@ -15,13 +15,13 @@ class Row(Settings):
     """One number: what it is, the expression over facts that gives it in `unit`, and the paper's number where it has one."""
 
     label: Annotated[str, Field(min_length=1)]
-    """What the number is."""
+    """The number's meaning."""
     answer: str
     """The expression over facts that gives it, as a blank's answer."""
     unit: str = ""
     """The unit that the expression is in, for the reader; it isn't converted."""
     paper: float | str = ""
-    """What the paper says, in the same unit."""
+    """The paper's value, in the same unit."""
 
     @model_validator(mode="after")
     def _can_be_computed(self) -> Self:
@@ -38,7 +38,7 @@ class Values(StudySettings):
     rows: Annotated[tuple[Row, ...], Field(min_length=1)]
     """The numbers, in their order."""
     digits: Annotated[int, Field(ge=1, le=12)] = 4
-    """How many significant digits are shown."""
+    """The number of significant digits that are shown."""
 
     def __call__(self, stand: Stand) -> StudyResult:
         """Return the table; raises `UnknownName` for a fact that isn't there."""

@@ -24,7 +24,7 @@ class WhyClaimed(StudySettings):
     sheet: str = "qube_servo_2"
     """The data sheet that tells what is known of the motor, so that causes have sizes in Ω and kg·m²."""
     method: str = ""
-    """How the claimed figure was found, where that is known, such as `step_63`."""
+    """The method behind the claimed figure, if known, such as `step_63`."""
 
     def __call__(self, stand: Stand) -> StudyResult:
         """Return the tables of readings and of causes; raises `NotIdentifiable` where the recording tells nothing of it."""

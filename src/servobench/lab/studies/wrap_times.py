@@ -34,7 +34,7 @@ class WrapTimes(StudySettings):
     bits: Annotated[tuple[Literal[16, 24, 32], ...], Field(min_length=1)] = (16, 24, 32)
     """Widths of the counters."""
     duration: PositiveTime = 2.5
-    """How long the simulated motor with the narrowest counter runs at its voltage limit [s]."""
+    """Time that the simulated motor with the narrowest counter runs at its voltage limit [s]."""
 
     def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of widths, and the jumps of a simulated counter of the smallest one."""

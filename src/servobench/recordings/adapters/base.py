@@ -18,7 +18,7 @@ class Adapter(Protocol):
     """Makes recordings of one kind of object. It changes no value, and says nothing that the object doesn't."""
 
     accepted: ClassVar[str]
-    """What it takes, for an error message: `a DataFrame (pandas, polars, Arrow)`."""
+    """The kind of data that it accepts, for an error message: `a DataFrame (pandas, polars, Arrow)`."""
 
     def accepts(self, data: object) -> bool:
         """Return whether this object is of the kind. Must not import the library that defines it."""

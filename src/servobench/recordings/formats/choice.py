@@ -1,4 +1,4 @@
-"""Which series has a role, in which unit: by the user's options first, then by the recording, then by the names."""
+"""The series for each role, with its unit: by the user's options first, then by the recording, then by the names."""
 
 from __future__ import annotations
 

@@ -260,7 +260,7 @@ def _is_named_time(heading: Heading) -> bool:
 
 
 def _is_surely_time(heading: Heading) -> bool:
-    """Whether the whole name is that of a time; `loop_time_s` may be how long each turn of a loop takes."""
+    """Whether the whole name is that of a time; `loop_time_s` may be the duration of each turn of a loop."""
     last = _last_part(heading)
     return {last.lower(), bare_name(last).lower()} & TIME_NAMES != set()
 

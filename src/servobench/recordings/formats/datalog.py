@@ -128,7 +128,7 @@ class _Records:
 
 
 def _layout(bits: int) -> tuple[int, int, int]:
-    """Where a record's size begins and ends, and where its payload begins, by the bits in its first byte."""
+    """The bytes of a record's size, and where its payload begins, by the bits in its first byte."""
     number, size, stamp = (bits & 3) + 1, (bits >> 2 & 3) + 1, (bits >> 4 & 7) + 1
     payload = 1 + number + size + stamp
     return 1 + number, 1 + number + size, payload if bits < 128 else _NOT_A_RECORD

@@ -93,7 +93,7 @@ def _continue_run(run: Sequence[Segment], segment: Segment) -> Segment | None:
 
 
 def _follows(before: Array | None, after: Array | None) -> bool:
-    """Whether times go on where those before ended; a segment of one sample has no step, and is followed by any later one."""
+    """Whether times continue where those before ended; a segment of one sample has no step, so any later one may follow it."""
     if before is None or after is None:
         return False
     pause = float(after[0] - before[-1])

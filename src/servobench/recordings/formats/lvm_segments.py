@@ -21,7 +21,7 @@ from servobench.recordings.formats.columns import LARGEST_TABLE, Column, distinc
 from servobench.recordings.formats.times import in_words
 
 MARK = "LabVIEW Measurement"
-"""What a file begins with."""
+"""The first bytes of a file."""
 
 _END = "***End_of_Header***"
 _SPECIAL = "***Start_Special***"

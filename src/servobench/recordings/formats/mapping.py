@@ -1,4 +1,4 @@
-"""Which column of a file is what, in which unit.
+"""The meaning and the unit of each column of a file.
 
 A recognised name is a finding and not a silent choice. All missing information is asked for at once.
 """

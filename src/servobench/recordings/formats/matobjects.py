@@ -39,7 +39,7 @@ _SECONDS = {
 
 
 Held: TypeAlias = Series | Column | StreamedSignal | UnreadSignal
-"""What is found in a variable, before streams are read."""
+"""The contents of a variable, before streams are read."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""Which channel of a recording a given name refers to, and which channels are recognised by their own names."""
+"""The channel that a given name refers to, and the channels that are recognised by their own names."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from servobench.recordings.formats.direction import signed
 from servobench.recordings.recording import Recording, Series
 
 Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
-"""What a channel can be: what drives the motor, what was measured, what a loop followed, what feeds the amplifier, what flows."""
+"""A channel's role: the input of the motor, a measured output, a loop's reference, the amplifier's supply, or a current."""
 
 ARMATURE_CURRENT = "armature_current"
 """The name of the channel of a measured current declared by the user; it has priority over all others."""

@@ -116,7 +116,7 @@ def _names(entries: Sequence[Any]) -> list[str]:
 
 
 def _is_number(value: object) -> bool:
-    """Whether a value is a number or a truth; a whole number too large for a float is none."""
+    """Whether a value is a number or a truth value; a whole number too large for a float isn't."""
     return isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**1000)
 
 

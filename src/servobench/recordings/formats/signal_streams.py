@@ -39,7 +39,7 @@ class StreamedSignal:
     step: float
     """The time between samples [s]."""
     count: int
-    """How many samples there are."""
+    """The number of samples."""
 
     def series(self, samples: Array) -> Series:
         """Return the signal with its samples (N,) and their times."""

@@ -16,7 +16,7 @@ _FEWEST = 10  # changes that it takes to tell
 
 @dataclass(frozen=True, kw_only=True)
 class Stale:
-    """How a channel is refreshed: it changes in `share` of the rows only, usually every `hold` rows."""
+    """The updates of a channel: it changes in `share` of the rows only, usually every `hold` rows."""
 
     hold: float
     share: float

@@ -192,7 +192,7 @@ def _one_row_earlier(t: Array, before: float | None) -> Array:
 
 
 def _is_row(row: object, width: int) -> bool:
-    """Whether a row is as many numbers as there are channels; a whole number too large for a float is none."""
+    """Whether a row is as many numbers as there are channels; a whole number too large for a float isn't one."""
     return (
         isinstance(row, list)
         and len(row) == width

@@ -21,10 +21,10 @@ from servobench.recordings.recording import Recording, Series
 
 NONE = "none"
 STATES = frozenset({"quasistatic-forward", "quasistatic-reverse", "dynamic-forward", "dynamic-reverse", NONE})
-"""What such a text can say."""
+"""The entries of such a text."""
 
 AT_REST = "The test began at rest, as SysId asks for, and its first speed is next to 0: the fit begins there, at no input."
-"""What is to be known of a test that `begins_at_rest`."""
+"""The finding for a test that `begins_at_rest`."""
 _SAME_LOOP = 0.5  # of the time between two loops
 _SLOW = 0.01  # of the largest speed in a test: one that turns at first turns faster
 

@@ -341,7 +341,7 @@ def _sure_of_commas(content: Sequence[str], above: Sequence[str], layout: Layout
 
 
 def _may_be_one(line: str, layout: Layout) -> bool:
-    """Whether two numbers with a comma between may be one; a damaged row says nothing against it."""
+    """Whether two numbers with a comma between them may be one; a damaged row is no evidence against it."""
     return bool(_ONE_COMMA.fullmatch(line)) or not all(map(layout.is_number, layout.row(line) or [""]))
 
 

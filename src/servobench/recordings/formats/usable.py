@@ -1,4 +1,4 @@
-"""Which samples of an input and an output can be used: those with a time that increases and a finite value."""
+"""The usable samples of an input and an output: those with an increasing time and a finite value."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Limits:
     seconds: int
     """Until it has answered."""
     content: int
-    """What the numbers of the file may come to [bytes]."""
+    """The limit for the size of the file's numbers [bytes]."""
 
     @property
     def too_long(self) -> str:

@@ -1,4 +1,4 @@
-"""Which channel of a recording is the measured armature current, and its values at the samples of the output."""
+"""The channel of a recording that holds the measured armature current, and its values at the samples of the output."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class Dataset:
     """
 
     name: str
-    """What the record is called."""
+    """The record's name."""
     t_input: Array
     u: Array
     input_unit: str
@@ -67,7 +67,7 @@ class Dataset:
     starts_at_rest: bool = False
     user_unit: tuple[str, float] | None = None
     findings: tuple[Finding, ...] = ()
-    """What there is to know about the data."""
+    """Remarks on the data."""
 
     def __repr__(self) -> str:
         """The name, the units, how many samples there are, and how far apart."""
@@ -198,7 +198,7 @@ class Dataset:
 
     @cached_property
     def noise(self) -> float:
-        """How far apart two samples of an output that stands may lie, in its unit."""
+        """The largest difference of two samples of an output at rest, in its unit."""
         return noise_of(self)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""How much a measurement chain delays a speed: the first moment of its impulse response.
+"""The delay of a measurement chain for a speed: the first moment of its impulse response.
 
 The first moments of responses in series add up, by algebra. A model K/(τ's + 1) fitted without a delay has to include the whole
 lag: τ' = τ + L, exactly if the area above the step response is compared.

@@ -155,7 +155,7 @@ def _input_before(recording: Recording, column: Column) -> float:
 
 
 def _shaft_kind(recording: Recording, column: Column) -> Kind:
-    """Whether the output is a position or a speed; raises where it is neither, or a single sample."""
+    """Whether the output is a position or a speed; raises if it is neither, or has a single sample."""
     kinds: tuple[Kind, ...] = get_args(Kind)
     for kind in kinds:
         if column.quantity == kind:

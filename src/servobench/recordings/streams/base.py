@@ -42,7 +42,7 @@ class Stream(Protocol):
     """Rows as they come."""
 
     name: str
-    """What it is, for people."""
+    """Its description for people."""
 
     def __enter__(self) -> Self:
         """Open it; raises `UsageError` or `DeviceError`, which say what to do, where that can't be done."""

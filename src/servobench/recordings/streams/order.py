@@ -1,4 +1,4 @@
-"""Which rows of a stream follow each other: gaps, repeated rows, rows that came late, clocks that wrapped or began again."""
+"""The order of a stream's rows: gaps, repeated rows, late rows, clocks that wrapped or began again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from servobench.core.channels import Array
 
 Link: TypeAlias = Literal["next", "gap", "rate", "restart"]
-"""How a row follows the one before: at once, after lost rows, at another rate, or as the first of a clock that began again."""
+"""A row's relation to the one before: next, after lost rows, at another rate, or the first of a clock that began again."""
 
 _LATE = 1.5  # sample times: a longer step is a gap
 _NEAR = 3.5  # sample times: a row that may follow, with two lost in between
@@ -132,7 +132,7 @@ class RowOrder:
         found.append((time, row, link))
 
     def _rate_changed(self) -> bool:
-        """Whether the rows come at another rate than they did; the gaps that it looked like are taken back."""
+        """Whether the rate of the rows has changed; if so, the gaps that were counted because of it are taken back."""
         if len(self._steps) < _LATEST:
             return False
         median = float(np.median([step for step, _ in self._steps]))

@@ -1,4 +1,4 @@
-"""Which clock a device runs by."""
+"""The choice of a clock for a device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How late this computer wakes a sleeping process: the limit for the lateness of a loop."""
+"""The delay with which this computer wakes a sleeping process: the limit for the lateness of a loop."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class Checked:
 
     name: str
     title: str
-    """What the check is about, in a few words."""
+    """The check's subject, in a few words."""
     outcome: Outcome
     recordings: tuple[str, ...] = ()
     picture: str = ""
@@ -47,7 +47,7 @@ class Acceptance:
     """
 
     info: DeviceInfo
-    """What the device said of itself."""
+    """The device's description of itself."""
     checks: tuple[Checked, ...]
     created: str
     """When it was begun (ISO 8601, UTC)."""
@@ -60,7 +60,7 @@ class Acceptance:
     interrupted: bool = False
     """Whether somebody asked for the end."""
     signature: Signature | None = None
-    """Who signed it off, None if nobody did."""
+    """The person who signed it off, None if nobody did."""
     version: str = __version__
     """The version of this software."""
 

@@ -41,7 +41,7 @@ class Person(Protocol):
     """Somebody beside the bench who turns the shaft by hand."""
 
     turns: float
-    """How often it is turned."""
+    """The number of turns."""
 
     def begin(self) -> tuple[float, Look | None]:
         """Ask for the turns; return the longest time that they may take [s], and what sees that they are done."""

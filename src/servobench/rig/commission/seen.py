@@ -1,4 +1,4 @@
-"""What the recording of a check shows of the shaft: counts without wraps, and the voltage, over time."""
+"""The shaft's motion in a check's recording: counts without wraps, and the voltage, over time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Seen:
     """
 
     recording: Recording
-    """Where they come from."""
+    """Their source."""
     t: Array
     raw: Array
     counts: Array

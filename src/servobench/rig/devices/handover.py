@@ -1,4 +1,4 @@
-"""What a twin, its guard and the guard's monitors hand over to a block of ticks in one compiled call, and take back from it.
+"""The hand-over of a twin, its guard and the guard's monitors to a block of ticks in one compiled call, and back.
 
 Each of them writes its limits into the numbers `p` and its state into `s`, both laid out below, and reads its state from there
 afterwards (`Handing`). The block itself is `servobench.rig.loop.blocks.kernels.run_block`. Counts and flags are numbers, too;

@@ -53,7 +53,7 @@ class QuanserSettings(Settings):
     board: Literal["qube_servo", "qube_servo_2", "qube_servo_3"] = "qube_servo_2"
     """Its generation."""
     identifier: str = "0"
-    """Which board of that type: 0 is the first."""
+    """The number of the board among those of its type: 0 is the first."""
     simulator: bool = False
     """Whether it is the one of Quanser's simulator on this computer, with the disc."""
     options: str | None = None

@@ -338,7 +338,7 @@ class Rig:
         )
 
     def _finds_firmware(self, talk: Conversation) -> bool:
-        """Whether the firmware has answered; raises `DeviceError` where it speaks another protocol."""
+        """Return whether the firmware has answered; raises `DeviceError` if it speaks another protocol."""
         for name, values in talk.hear():
             if name != "info":
                 continue

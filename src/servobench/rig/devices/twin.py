@@ -87,7 +87,7 @@ class TwinSettings(Settings):
     tachometer_noise: Speed = 0.0
     """Standard deviation of the noise of the speed channel [rad/s]."""
     solver: str = "exact"
-    """How the equations are solved: exact, euler, rk4 or adaptive."""
+    """The solver of the equations: exact, euler, rk4 or adaptive."""
     solver_step: Time | None = None
     """Longest step of the solver; without it a tick is one step [s]."""
     watchdog: PositiveTime | None = None

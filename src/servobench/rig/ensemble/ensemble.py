@@ -39,7 +39,7 @@ _MOST_COUNTS = 1_000_000_000  # 2 GB
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bands:
-    """How a quantity is spread over the motors: `values` (5, K) are its quantiles 5, 25, 50, 75 and 95 % at `t` (K,) [s].
+    """The distribution of a quantity over the motors: `values` (5, K) are its quantiles 5, 25, 50, 75 and 95 % at `t` (K,) [s].
 
     `name` is `speed` or `position`, `unit` that of the values.
     """
@@ -80,7 +80,7 @@ class Ensemble:
         return int(self.final.shape[1])
 
     def __repr__(self) -> str:
-        """How many motors, and their tolerances."""
+        """The number of motors, and their tolerances."""
         return f"<Ensemble of {len(self)} motors: {', '.join(map(str, self.tolerances)) or 'all alike'}>"
 
     def recording(self, number: int) -> Recording:

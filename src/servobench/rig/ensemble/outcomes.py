@@ -1,4 +1,4 @@
-"""What matters of each motor of an ensemble: gain and time constant; with a controller overshoot, settling time, phase margin."""
+"""The outcomes of each motor of an ensemble: gain and time constant; with a controller overshoot, settling time, phase margin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which tolerance matters: what each parameter alone, at either end of its tolerance, does to an outcome."""
+"""The sensitivity to tolerances: the effect of each parameter alone, at either end of its tolerance, on an outcome."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from servobench.rig.ensemble.tolerances import Tolerance
 
 @dataclass(frozen=True, kw_only=True)
 class Sensitivity:
-    """What the tolerance of one parameter does to one outcome, the others at their nominal values.
+    """The effect of one parameter's tolerance on one outcome, the others at their nominal values.
 
     `low` and `high` are the outcome with the parameter at the lower and at the upper end of its tolerance. `share` is the part of
     the outcome's variance that it makes, of all tolerances together, by a straight line between the two ends:
@@ -29,7 +29,7 @@ class Sensitivity:
 
     @property
     def effect(self) -> float:
-        """How far the outcome moves for half of the tolerance: half of the difference of the two ends."""
+        """The change of the outcome over half of the tolerance: half of the difference between its ends."""
         return 0.5 * (self.high - self.low)
 
 

@@ -41,7 +41,7 @@ _PIECES = 8  # that a thread's share is cut into, so that they end together and 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
-    """What the motors did.
+    """The simulated course of the motors.
 
     `states` (3, K, n) are current [A], speed [rad/s] and angle [rad] after the first `looks` (K,) ticks. `counts` (n, N) is the
     encoder at each tick, in 16 bits, and `voltages` (n, N) or, the same for all, (N,) [V] what was applied from then on; None
@@ -111,7 +111,7 @@ def simulate(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Room:
-    """What the kernels fill for M motors, and the keys of their random torques; laid out as `kernels` says."""
+    """The arrays that the kernels fill for M motors, and the keys of their random torques; laid out as `kernels` says."""
 
     looks: Array
     states: Array
@@ -121,7 +121,7 @@ class _Room:
 
 
 def _open_loop_work(c: Array, voltages: Array, twin: TwinSettings, room: _Room) -> Callable[[int, int], None]:
-    """What simulates blocks of motors under the same voltages (N,)."""
+    """Return a function that simulates blocks of motors under the same voltages (N,)."""
     from servobench.rig.ensemble import kernels as at
 
     dead_band = _dead_band(twin)
@@ -142,7 +142,7 @@ def _closed_loop_work(
     voltages: Array | None,
     room: _Room,
 ) -> Callable[[int, int], None]:
-    """What simulates blocks of motors under the experiment's controller, each with a state of its own."""
+    """Return a function that simulates blocks of motors under the experiment's controller, each with a state of its own."""
     from servobench.rig.ensemble import kernels as at
 
     info = Twin(twin).info.with_limit(experiment.limits.voltage)
@@ -159,7 +159,7 @@ def _closed_loop_work(
 
 
 def _amplifier_output(voltages: Array, limits: Array) -> Array:
-    """What amplifiers with limits (n,) put out: (N,) where all have the same, else (n, N)."""
+    """The output of amplifiers with limits (n,): (N,) if all have the same limit, else (n, N)."""
     own = limits[:, None] if np.ptp(limits) else limits[0]
     return np.asarray(np.clip(voltages, -own, own))
 

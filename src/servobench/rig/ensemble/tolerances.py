@@ -1,4 +1,4 @@
-"""How far each parameter of a motor may be off, and motors drawn at random within that.
+"""The tolerance of each parameter of a motor, and motors drawn at random within them.
 
 A parameter lies evenly between value - half and value + half, as for a data sheet's tolerance of which nothing more is known
 (JCGM 100:2008, 4.3.7); the parameters are independent of each other.

@@ -94,7 +94,7 @@ class Experiment(Settings):
     signal: AnySignal = Square(low=1, high=3, frequency=0.4)
     """The controller's reference, in its unit (rad, rad/s); in open loop the voltage [V]."""
     duration: Duration = 10.0
-    """How long it lasts, or None (in a file "endless"): until it's stopped [s]."""
+    """The duration, or None (in a file "endless"): until it's stopped [s]."""
     sample_time: PositiveTime = 0.002
     """Time between two ticks [s]."""
     controller: AnyController = OpenLoop()

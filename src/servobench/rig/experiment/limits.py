@@ -78,9 +78,9 @@ class StallLimits(Settings):
     motion: Annotated[Speed, Field(gt=0)] = 1.0
     """Motion threshold: it is stalled where it turns slower than this, in either direction [rad/s]."""
     warning: PositiveTime = 0.04
-    """How long it is stalled until that is a warning [s]."""
+    """The time of a stall after which it is a warning [s]."""
     duration: PositiveTime = 3.0
-    """How long it is stalled, without a break, until that is a fault [s]."""
+    """The time of an unbroken stall after which it is a fault [s]."""
 
 
 class Plausibility(Settings):

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 Path: TypeAlias = tuple[str | int, ...]
-"""Where a value stands: the keys that lead to it, and for an element of an array its index."""
+"""The place of a value: the keys that lead to it, and for an element of an array its index."""
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _SPACE = re.compile(r"[ \t]*")

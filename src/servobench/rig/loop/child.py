@@ -102,7 +102,7 @@ def main() -> int:
 
 @dataclass(frozen=True)
 class _Ending:
-    """Why a run ended, at which tick, what was found, and the error that ended it, if it was one."""
+    """The end of a run: the reason, the tick, the findings, and the error if one ended it."""
 
     stopped: Stopped
     tick: Tick | None

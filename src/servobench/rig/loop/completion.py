@@ -112,7 +112,7 @@ def _rows_in(found: Recording) -> int:
 
 
 def _count_missed(found: Recording, kind: str) -> int:
-    """How many rows or events the recorder had missed itself."""
+    """The number of rows or events that the recorder itself had missed."""
     return sum(int(json.loads(each.text)["count"]) for each in found.events if each.kind == kind)
 
 

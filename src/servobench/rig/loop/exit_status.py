@@ -1,4 +1,4 @@
-"""How a process ended, in words."""
+"""The end of a process, as a sentence."""
 
 from __future__ import annotations
 

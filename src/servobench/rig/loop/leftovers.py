@@ -11,7 +11,7 @@ from pathlib import Path
 from servobench.recordings.native.lease import hold
 
 FOLDER = "/dev/shm"
-"""Where Linux keeps shared memory. In a container it can be small, and to touch more than there is kills the process."""
+"""The folder of Linux's shared memory. It can be small in a container, and touching more than there is kills the process."""
 NEW = 5.0  # s; a process may be about to lock younger memory
 
 

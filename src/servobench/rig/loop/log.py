@@ -76,7 +76,7 @@ class Log:
 
     @property
     def _most(self) -> int:
-        """How many rows go to the recorder at once: where the disk is full, no more is lost than what it has."""
+        """The number of rows that go to the recorder at once: if the disk is full, no more than these are lost."""
         return min(max(self._block, self._passed_on), BLOCK_ROWS)
 
     def _keep_rows(self) -> None:

@@ -43,7 +43,7 @@ class Command(Settings):
     stop: str | None = None
     """The sentence with which the run is to end."""
     reason: Literal["finished", "interrupted", "error"] = "interrupted"
-    """What an end by `stop` is: as asked, an interruption, or because something failed."""
+    """The kind of an end by `stop`: as requested, an interruption, or a failure."""
 
     def to_text(self, number: int) -> str:
         """Return the command as the text that goes to the loop."""

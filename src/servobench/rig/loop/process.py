@@ -300,7 +300,7 @@ class LoopProcess:
 
     @property
     def ended(self) -> Stopped | None:
-        """Why it ended; None while it goes on."""
+        """Its end; None while it goes on."""
         self._listen()
         if self._ended is None and (self._undead or self._process.poll() is not None):
             self._report_unexpected_end()

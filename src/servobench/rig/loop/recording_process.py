@@ -62,7 +62,7 @@ ENDED_EARLY = warning(
 
 @dataclass(frozen=True, kw_only=True)
 class Late:
-    """What a recorder has to know that begins in the middle of a run.
+    """The state that a recorder needs to begin in the middle of a run.
 
     The numbers of the first row and the first event that it records, the device as JSON can hold it (`info`), and the duration
     that it records [s], None until the word `RECORD_UNTIL` or the run's end says so.
@@ -76,7 +76,7 @@ class Late:
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderSpec:
-    """What a recorder has to know: the names of the rings of rows and events, its file's path, the experiment as TOML.
+    """A recorder's task: the names of the rings of rows and events, its file's path, the experiment as TOML.
 
     `loop` is the number of the loop's process, None where it isn't known. `late` is None for one that records a run from its
     first row to its end. The ring of commands is no matter of the recorder's, but where everybody else is dead it clears up
@@ -105,7 +105,7 @@ class RecorderSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderResult:
-    """How it went: the `path` of the whole file, None where there is none; how many rows it has; the `error`, if any."""
+    """The recorder's outcome: the `path` of the whole file, None if there is none; its number of rows; the `error`, if any."""
 
     path: str | None
     rows: int
@@ -182,7 +182,7 @@ def _drain(spec: RecorderSpec, experiment: Experiment, rows: RowRing, events: Me
 
 
 def _early_end(spec: RecorderSpec, drain: Drain) -> tuple[Stopped, tuple[Finding, ...]] | None:
-    """Why a recording ended before its run did; None where it didn't."""
+    """The reason why a recording ended before its run did; None if it didn't."""
     if not drain.complete or spec.late is None:
         return None
     how_long = "" if spec.late.duration is None else f" for {spec.late.duration:g} s at most"
@@ -382,7 +382,7 @@ class RecorderProcess:
 
     @property
     def failed(self) -> bool:
-        """Whether the process ended other than with a whole file; `wait` says why."""
+        """Whether the process ended other than with a whole file; `wait` gives the reason."""
         return self._process.poll() not in (None, 0)
 
     def wait(self, timeout: float = PATIENCE, slow: Callable[[], None] | None = None) -> RecorderResult:
@@ -420,7 +420,7 @@ def _input(process: subprocess.Popen[bytes]) -> IO[bytes]:
 
 
 def _went(said: bytes, status: int, told: str) -> RecorderResult:
-    """How it went, as the recorder said, or as its end says."""
+    """The recorder's outcome, from its own report or else from the end of its process."""
     try:
         return RecorderResult(**json.loads(said))
     except (ValueError, TypeError):  # it had no time to say anything

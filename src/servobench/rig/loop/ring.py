@@ -66,7 +66,7 @@ class Ring:
 
     @property
     def written(self) -> int:
-        """How many records were written so far."""
+        """The number of records written so far."""
         return int(self._kernels.count_written(self.memory))
 
     @property
@@ -218,7 +218,7 @@ class MessageReader:
 
     @property
     def waiting(self) -> bool:
-        """Whether there is a text that wasn't read yet; costs much less than to read none."""
+        """Whether there is an unread text; costs much less than reading when there is none."""
         return self._ring.written != self.next
 
     def read(self, most: int = 256) -> list[str]:

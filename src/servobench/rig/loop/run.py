@@ -34,7 +34,7 @@ PATIENCE = 60.0  # s; how long a run in virtual time waits for a disk that's beh
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """How far a run is: ticks done of all (None for an endless one), the time of the last one [s], and its values.
+    """The progress of a run: ticks done of all (None for an endless one), the time of the last one [s], and its values.
 
     `commanded` and `applied` are its voltages [V], `counts` the encoder's.
     """
@@ -56,7 +56,7 @@ Look: TypeAlias = Callable[[Recording], str | None]
 
 @runtime_checkable
 class _Runnable(Protocol):
-    """What a run needs of an experiment to begin with; the rest is looked at where it is used."""
+    """The parts of an experiment that a run needs to begin; others are read where they are used."""
 
     @property
     def signal(self) -> object: ...
@@ -240,7 +240,7 @@ def _call_look(look: Look, so_far: Recording) -> Stopped | None:
 def _recorder(
     opened: Recording, to: str | os.PathLike[str] | None, clock: Clock, samples: int | None
 ) -> Recorder:
-    """Where the rows go. A loop that keeps up with a turning motor doesn't wait for a disk, one in virtual time may."""
+    """The recorder of the rows. A loop that keeps up with a turning motor doesn't wait for a disk, one in virtual time may."""
     if to is None:
         return InMemory(opened, samples or 0)
     return ToFile(opened, to, patience=PATIENCE if clock.timing == "virtual" else 0.0)

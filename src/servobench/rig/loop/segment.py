@@ -71,7 +71,7 @@ class Segment(SharedMemory):
 
     @property
     def is_orphan(self) -> bool:
-        """Whether its owner, which started this process, is dead; its name says who that was."""
+        """Whether its owner, the process that created it, is dead; the owner's id is in its name."""
         return self.name.split("-")[2:3] != [str(os.getppid())]
 
 

@@ -40,7 +40,7 @@ class Silence:
     duration: float
     """For how long by now [s]."""
     expected: float
-    """How long it may take where nothing is wrong [s]."""
+    """The longest time that it takes if all is well [s]."""
     zero_volts: bool
     """Whether zero volts are known to be put out."""
 

@@ -25,7 +25,7 @@ from servobench.systems.signals.base import Signal
 
 
 class Sink(Protocol):
-    """Where the ticks go."""
+    """The receiver of the ticks."""
 
     def add(self, place: Place) -> None:
         """Take one tick that is done; doesn't wait."""

@@ -15,7 +15,7 @@ SAME = 1e-9
 
 
 class Course(NamedTuple):
-    """How far a motor is: `state` at the time `now` [s] under a `voltage` [V], and those `coming`, each after its time [s]."""
+    """A motor's progress: `state` at the time `now` [s] under a `voltage` [V], and those `coming`, each after its time [s]."""
 
     state: MotorState
     now: float
@@ -68,7 +68,7 @@ class Plant:
 
     @property
     def course(self) -> Course:
-        """Where it is, to go on from there elsewhere (`resume`)."""
+        """The motor's present progress, to continue from it elsewhere (`resume`)."""
         return Course(self.state, self._now, self._voltage, tuple(self._coming))
 
     def resume(self, course: Course) -> None:

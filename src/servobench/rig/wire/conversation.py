@@ -59,7 +59,7 @@ class Conversation:
     lost: int = field(default=0, init=False)
     """Frames from the board that are missing by their sequence numbers."""
     refusals: Counter[str] = field(default_factory=Counter, init=False)
-    """How often the board refused what: by the message and the reason."""
+    """The board's refusals, counted by message and reason."""
     _reader: Reader = field(default_factory=Reader, init=False)
     _saying: RLock = field(default_factory=RLock, init=False)
     _said: int = field(default=-1, init=False)

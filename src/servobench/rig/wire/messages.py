@@ -29,7 +29,7 @@ class Field:
     kind: str
     """Its type, `u8` to `i32`."""
     count: int
-    """How many of them there are."""
+    """The number of them."""
     meaning: str
     """Its meaning, for people."""
 
@@ -48,7 +48,7 @@ class Message:
     code: int
     """The first byte of its payload."""
     sender: Literal["host", "device"]
-    """Who sends it."""
+    """The sender."""
     meaning: str
     """Its effect, for people."""
     fields: tuple[Field, ...]
@@ -113,7 +113,7 @@ class Protocol:
     codes: Mapping[str, Mapping[str, int]]
     """For each of `SECTIONS` the codes by their names."""
     meanings: Mapping[str, str]
-    """What each means, by `section.name`."""
+    """The meaning of each, by `section.name`."""
     messages: tuple[Message, ...]
     """All messages there are."""
     schema: int

@@ -37,9 +37,9 @@ class Lead(Settings):
     gain: Proportional = 1.0
     """Gain at rest, in V/rad for a position, V·s/rad for a speed."""
     zero: Cutoff = 10.0
-    """Where the gain begins to rise [rad/s]."""
+    """The frequency at which the gain begins to rise [rad/s]."""
     pole: Cutoff = 100.0
-    """Where the gain ends to rise; above the zero [rad/s]."""
+    """The frequency at which the gain stops rising; above the zero [rad/s]."""
     cutoff: Cutoff = 100.0
     """Cut-off of the low-pass filter of the speed, where that is followed [rad/s]."""
     fade_time: FadeTime = 0.5

@@ -20,11 +20,11 @@ class PiState(NamedTuple):
     sample_time: float
     """Time between two samples [s]."""
     shaft: Shaft
-    """What it knows of the device."""
+    """The device's properties that it needs."""
     integral: float
     """ki times the errors so far [V]."""
     bias: float
-    """What is left of another law's voltage [V]."""
+    """The remainder of another law's voltage [V]."""
     travel: int
     """Unwrapped counts of the last sample."""
     before: tuple[int, ...]

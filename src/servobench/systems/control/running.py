@@ -1,4 +1,4 @@
-"""What a running law is: its compiled step, its numbers, and its state; and how it sees the shaft through the counter.
+"""The parts of a running law: its compiled step, its numbers, its state, and how it reads the shaft through the counter.
 
 The speed is that of the measurement chain `derivative | lowpass`: the difference of the counts over the time between their two
 latches, through ω/(s + ω) by the trapezoid rule. `kernels` has the laws. Why it is so is told in

@@ -17,7 +17,7 @@ class Segment(Settings):
     """A part of a sequence: a signal, and for how long it holds."""
 
     duration: PositiveTime
-    """How long the segment lasts [s]."""
+    """The duration of the segment [s]."""
     signal: AnySignal
     """The signal; its time counts from the beginning of the segment."""
 

@@ -106,7 +106,7 @@ def _leading_coefficient(system: TransferFunction, pole: Pole) -> complex:
 
 
 def _behind_sine(system: TransferFunction, omega: float) -> TransferFunction:
-    """What a step makes of ω s/(s² + ω²) and the system is what sin ωt makes of the system."""
+    """The system whose step response is the given system's response to sin ωt: ω s/(s² + ω²) times it."""
     return TransferFunction(
         numerator=tuple(map(float, np.convolve(system.numerator, (omega, 0.0)))),
         denominator=tuple(map(float, np.convolve(system.denominator, (1.0, 0.0, omega**2)))),

@@ -25,11 +25,11 @@ from servobench.systems.tuning.response import check_sample_time, step_response,
 
 SCHEMA = "servobench.tuning/1"
 LEAST_PHASE, GOOD_PHASE = math.radians(30), math.radians(45)
-"""What a loop has to keep of its phase at the least, and what is good practice (Åström and Murray, section 10.2)."""
+"""The smallest phase margin that a loop must keep, and good practice (Åström and Murray, section 10.2)."""
 LEAST_FACTOR = 2.0
 """By which the gain may be off before a loop is unstable."""
 MOST_OFF = 0.03
-"""How far a pole may be from its specified place, as a part of its distance from zero."""
+"""The largest distance of a pole from its specified place, as a part of its distance from zero."""
 _MOST_TURNED = (
     0.5  # rad of phase in a sample time at the gain crossover; beyond, the motor does much between two ticks
 )

@@ -1,4 +1,4 @@
-"""Which of two fits is worth its parameters: against SciPy's normal distribution, and against Schwarz's criterion by hand."""
+"""The choice between two fits: against SciPy's normal distribution, and against Schwarz's criterion by hand."""
 
 from __future__ import annotations
 

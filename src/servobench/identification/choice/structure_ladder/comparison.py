@@ -1,5 +1,4 @@
-"""Which of two fits is worth its parameters: by Schwarz's criterion, by the change of the parameters, by the innovations'
-likelihood."""
+"""The choice between two fits: by Schwarz's criterion, by the change of the parameters, by the likelihood of the innovations."""
 
 from __future__ import annotations
 

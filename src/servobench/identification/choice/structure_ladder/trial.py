@@ -106,7 +106,7 @@ def try_rung(
 
 
 def _early_doubt(term: str, asked: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
-    """Why a rung can't be kept, as far as that is seen before allowing for what disturbs the motor; empty where it isn't."""
+    """The reason against a rung that shows before a disturbance of the motor is allowed for; empty if there is none."""
     doubt = _doubt(term, asked, richer, richer, fit)
     if not doubt and _at_the_edge(richer, plain):
         doubt = "it drives a parameter to the limit of its range"
@@ -125,7 +125,7 @@ def _copy_allowance(richer: Fit, plain: Fit, fit: Fit) -> Fit:
 
 
 def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
-    """Why a rung that explains more can't be kept all the same; empty where it can.
+    """The reason against a rung even though it explains more; empty if there is none.
 
     A term of unknown size is only kept if the data need it and its absence would move gain or time constant.
     """

@@ -14,7 +14,7 @@ from servobench.core.channels import Array
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """What bins say of positions: Σ ln P, its derivatives by each position (score, information), and by ln s.
+    """The likelihood of positions by bins: Σ ln P, its derivatives by each position (score, information), and by ln s.
 
     `log_likelihood` is Σ ln P, `score` (M,) is ∂ ln P/∂θ, `information` (M,) is -∂² ln P/∂θ²; `slope` and `curvature` are those
     of Σ ln P by ln s.

@@ -17,7 +17,7 @@ _TRIALS = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class NoiseProfile:
-    """What is known of s: its best value and 95 % interval, trials around it with their weights.
+    """The likelihood of s: its best value and 95 % interval, and trials around it with their weights.
 
     `best` is the maximum over the parameters at that s; `at_floor` says that s is the smallest that is tried.
     """
@@ -41,7 +41,7 @@ class NoiseProfile:
 
 
 def profile_noise(found: Optimum, floor: float) -> NoiseProfile:
-    """What is known of s from its likelihood, adjusted for the fitted parameters and taken on a grid around the maximum.
+    """The likelihood of s, adjusted for the fitted parameters and computed on a grid around the maximum.
 
     ln |J'hJ| is what makes the likelihood of s that of the data alone, after the parameters: -2 ln L + ln |J'hJ|, as
     parameters and s have no common information (Cox and Reid 1987). Without it s comes out too small.

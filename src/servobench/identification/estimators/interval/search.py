@@ -121,7 +121,7 @@ def _noise_step(point: Point, floor: float | None) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Where a search ended: the records near there, the maximum, whether it `converged`, and in words how it went, `status`.
+    """The end of a search: the records `near` it, the maximum, whether it `converged`, and a sentence on its course, `status`.
 
     `at_kink` says that the exact predictions get worse whichever way the linear ones point, as where a shaft is about to stick.
     """

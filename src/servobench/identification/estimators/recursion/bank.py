@@ -189,7 +189,7 @@ class Bank:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Likeliest:
-    """What the filters of the blocks that suit make of the parameters.
+    """The parameters according to those blocks' filters that fit.
 
     `filter` is the likeliest one, with r as `variance`, H⁻¹ as `inverse` (7, 7), and the best `change` (7,) under it. The
     `covariance` (7, 7) allows for the uncertainty of the level: Σ w (C + δ δ') over all levels with their likelihoods as

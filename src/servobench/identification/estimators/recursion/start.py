@@ -28,7 +28,7 @@ _TRAVEL = 50.0  # steps of the encoder that a motor must have made
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What is known of a run before it begins.
+    """The facts about a run that are known before it begins.
 
     `quantum` is the encoder's step [rad], None if unknown; `sample_time` the time between samples [s], `delay` the
     device's own [s], `input_before` what held before the first sample [V]. With a `structure` its parameters are found, from
@@ -64,7 +64,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Uninformed:
-    """What samples tell that don't tell gain and time constant yet, to half of their size.
+    """The information in samples that don't yet determine gain and time constant to half of their size.
 
     The covariance (7, 7) of a motion's reference (7,) in SI units; infinite for what the samples say nothing about.
     """

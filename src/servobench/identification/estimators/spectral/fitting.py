@@ -207,7 +207,7 @@ def _fit_once(structure: Structure, data: Sequence[Dataset], points: Points, the
 
 
 def _widths(structure: Structure, data: Sequence[Dataset], theta: Array) -> Array:
-    """How wide to take differences: a part of a value, and of a sample time for a delay, which may be nothing."""
+    """The steps of the differences: a part of the value, and for a delay, which may be zero, of a sample time."""
     step = min(record.sample_time for record in data)
     least = [step if parameter.name == "delay" else 1e-6 for parameter in structure.parameters]
     return _WIDTH * np.maximum(np.abs(theta), least)

@@ -56,7 +56,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Local:
-    """What the local fits of one stretch give: blocks of points, one from each window.
+    """The local fits of one stretch: blocks of points, one from each window.
 
     `left` (K,) is the spectrum without what the windows explain, `noise` (K,) the noise's power, `leverage` (K,) what share of it
     the fit's own error adds to a line that isn't used. `unknown` counts the points that the input
@@ -128,7 +128,7 @@ class _Solution:
 
     @property
     def freedom(self) -> float:
-        """How many complex residuals are free."""
+        """The number of free complex residuals."""
         return float(np.sum(1.0 - self.leverage[self.used]))
 
     @property
@@ -258,7 +258,7 @@ def _noise_excess(found: Sequence[_Solution]) -> Array:
 
 
 def _rounding_at_harmonics(stretch: Stretch, noise: Array, white: Array) -> Array:
-    """What rounding may add at the harmonics of the period and nowhere else, (K,).
+    """The rounding noise at the harmonics of the period only, at most, (K,).
 
     Where the motion repeats to a fraction of a count, so does its rounding: then it isn't seen between the harmonics. Its power
     is a twelfth of a count squared all the same, and what isn't seen is spread over the harmonics.

@@ -60,7 +60,7 @@ def _single(u: Array) -> float | None:
 
 
 def _beside(u: Array, frequency: float) -> float:
-    """What a sine of that frequency and a constant leave of a signal, over its amplitude."""
+    """The remainder of a signal without a sine of that frequency and a constant, relative to its amplitude."""
     angle = frequency * np.arange(len(u))
     columns = np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(u))])
     linear = np.linalg.lstsq(columns, u, rcond=None)[0]
@@ -87,7 +87,7 @@ def _sine_runs(u: Array) -> list[Run]:
 
 
 def _run(w: Array, start: int) -> tuple[int, float]:
-    """Where the recurrence that holds from a start on ends, and the cosine of its frequency."""
+    """The end of the recurrence that holds from `start`, and the cosine of its frequency."""
     cosine, end = _cosine(w[start : start + _FIRST]), start + _FIRST
     if not np.isfinite(cosine):
         return end, cosine

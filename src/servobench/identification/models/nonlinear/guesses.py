@@ -30,7 +30,7 @@ _UNIT = FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY))
 
 
 class FrictionAndGravity(Structure, Protocol):
-    """What the guesses have to know of a motor with friction and gravity."""
+    """The properties of a motor with friction and gravity that the guesses need."""
 
     @property
     def stribeck(self) -> bool:
@@ -110,7 +110,7 @@ _ELSEWHERE = {"gain", "time_constant", "delay", "stribeck_speed", "load_friction
 
 
 def _signals(structure: FrictionAndGravity, data: Dataset, stribeck_speed: float) -> list[Array]:
-    """What each linear parameter takes from the input, from the measured motion, (M,) each."""
+    """The part of the input that each linear parameter takes, from the measured motion, (M,) each."""
     sense, speed = directions(data), np.abs(smooth_speed(data))
     known = {
         "offset_voltage": np.ones(len(data.y)),
@@ -126,7 +126,9 @@ def _signals(structure: FrictionAndGravity, data: Dataset, stribeck_speed: float
 
 
 def _signal_columns(data: Dataset, signals: Sequence[Array], tau: float) -> tuple[Array, Array]:
-    """What doesn't depend on the delay: minus the responses to the signals (M, L), and those to the start state (M, Q)."""
+    """The columns that don't depend on the delay: minus the responses to the signals (M, L), and those to the start state (M,
+    Q).
+    """
     from servobench.identification.models.records import with_input
 
     lost = [-_input_columns(with_input(data, data.t_output, signal), tau, 0.0)[0] for signal in signals]

@@ -161,7 +161,7 @@ class NonlinearMotor:
 
     @property
     def held_at_first(self) -> NDArray[np.bool_]:
-        """Which parameters multiply others, whose guess is worth little until those are right, (P,)."""
+        """The parameters that multiply others, whose guesses are poor until those are right, (P,)."""
         return np.array([parameter in (STRIBECK_SPEED, LOAD) for parameter in self.parameters])
 
     def move(self, theta: Array, change: Array) -> Array:

@@ -266,7 +266,7 @@ def _trial(
 
 
 def _rest_error(data: Sequence[Dataset], offset: float) -> float:
-    """How far from its goal the shaft rests: the median of the distance in the slowest tenth of the samples."""
+    """The distance from the goal at rest: its median over the slowest tenth of the samples."""
     errors = []
     for record in data:
         if record.kind != "position":

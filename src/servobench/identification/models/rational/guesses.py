@@ -35,7 +35,7 @@ _NEAR = 10.0  # another start is worth its passes if its cost is within this fac
 
 
 class Fraction(Structure, Protocol):
-    """What the guesses have to know of B(s)/A(s): the orders, and what else there is."""
+    """The properties of B(s)/A(s) that the guesses need: its orders, and the other terms."""
 
     @property
     def order(self) -> int:
@@ -249,7 +249,7 @@ def _regression(structure: Fraction, data: Sequence[Dataset], cutoff: float, del
 
 
 def _linear(structure: Fraction, data: Dataset, a: Array, delay: float) -> tuple[Array, Array]:
-    """What the simulated output is linear in, for a given A: a record's own columns (M, Q), and those of b (M, m + 1)."""
+    """The columns in which the simulated output is linear for a given A: the record's own (M, Q), and those of b (M, m + 1)."""
     shared = len(structure.parameters)
     theta = np.zeros(shared + len(structure.nuisance(data)))
     theta[: structure.order] = a

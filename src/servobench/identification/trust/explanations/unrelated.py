@@ -15,7 +15,7 @@ _SIMULATED = 90.0  # percent: an output that follows from the input so far has t
 
 
 def _explain_unrelated(case: Case) -> CauseFit | None:
-    """Whether the equation holds nearly as well without the input; then no other cause needs to be looked for."""
+    """Whether the equation holds nearly as well without the input; then no other cause need be examined."""
     if case.simulated > _SIMULATED or _swings_with_it(case):
         return None
     columns, speed = case.base

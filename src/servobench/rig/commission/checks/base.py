@@ -43,7 +43,7 @@ class Outcome:
 
     state: State
     did: str
-    """What was done, in a sentence."""
+    """The check's action, in a sentence."""
     expected: str
     found: str
     figures: tuple[Figure, ...] = ()
@@ -69,7 +69,7 @@ class Check(Protocol):
     """One check: where in the order it comes, and how it is carried out."""
 
     title: ClassVar[str]
-    """What it is about, in a few words."""
+    """The check's subject, in a few words."""
     place: ClassVar[int]
     """Checks are carried out in the order of these numbers; up to 29 at zero volts."""
     needs: ClassVar[tuple[str, ...]]
@@ -77,7 +77,7 @@ class Check(Protocol):
     halts: ClassVar[bool]
     """Whether nothing is driven any more where it fails."""
     picture: ClassVar[str]
-    """What is below its picture, where people would rather look than read; empty where they needn't."""
+    """The caption of its picture, for people who would rather look than read; empty if it needs none."""
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Do what it takes on the bench, and return what was found; raises `CheckEnded` where a run was cut short."""

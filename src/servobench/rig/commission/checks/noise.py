@@ -1,4 +1,4 @@
-"""What the sensors show of a shaft that doesn't move."""
+"""The sensors' noise while the shaft doesn't move."""
 
 from __future__ import annotations
 

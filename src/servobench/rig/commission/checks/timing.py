@@ -1,4 +1,4 @@
-"""How punctual the loop is."""
+"""The punctuality of the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many counts make a turn: somebody turns the shaft by hand."""
+"""The number of counts in a turn: somebody turns the shaft by hand."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ class Lasting(Fault, ABC):
     from_: Annotated[Time, Field(ge=0)] = Field(default=0.0, alias="from")
     """When it begins, counted from the first sample [s]."""
     for_: PositiveTime | None = Field(default=None, alias="for")
-    """How long it lasts; without it, to the end [s]."""
+    """The duration; without it, to the end [s]."""
 
     def next_time(self, run: Injected) -> float:
         """Return the beginning where that is to come [s]; after its end it has nothing more to see."""
@@ -158,7 +158,7 @@ class Occasional(Lasting, ABC):
     every: Annotated[int, Field(ge=1)] | None = None
     """Each how many samples of that time it happens; without it, and without a probability, at each."""
     probability: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
-    """How probable it is at each sample of that time, from 0 to 1."""
+    """The probability at each sample of that time, from 0 to 1."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:

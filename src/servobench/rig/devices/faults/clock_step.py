@@ -18,7 +18,7 @@ class ClockStep(Lasting):
     sees_every_sample = False
 
     by: Time = 0.1
-    """How far it jumps; below 0 it goes back [s]."""
+    """The size of the jump; below 0 the clock goes back [s]."""
 
     def unsupported(self, device: Device) -> str | None:
         """It takes a device whose samples carry its own time."""

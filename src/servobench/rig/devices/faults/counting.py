@@ -1,4 +1,4 @@
-"""What an encoder's counter shows, and how far it went."""
+"""The encoder's counter, and how far it has moved."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ class Dropouts(Occasional):
     """
 
     share: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.5
-    """How probable it is for an edge in a burst to be lost, from 0 to 1."""
+    """The probability for an edge in a burst to be lost, from 0 to 1."""
     burst: PositiveTime = 0.01
     """Length of a burst [s]."""
 

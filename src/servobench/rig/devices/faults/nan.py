@@ -18,7 +18,7 @@ class Nan(Occasional):
     sees_every_sample = False
 
     channel: Literal["applied", "counts", "current", "tachometer"] = "applied"
-    """Which one: applied (the answer to a voltage), counts, current or tachometer."""
+    """The channel: applied (the answer to a voltage), counts, current or tachometer."""
 
     def unsupported(self, device: Device) -> str | None:
         """It takes the channel."""

@@ -19,7 +19,7 @@ class SlowRead(Occasional):
     sees_every_sample = False
 
     takes: PositiveTime = 0.01
-    """How long such a read takes [s]."""
+    """The time that such a read takes [s]."""
 
     def unsupported(self, device: Device) -> str | None:
         """By virtual time it takes a simulated motor; a device with its own time can't be held up."""

@@ -1,4 +1,4 @@
-"""What happens if a device call doesn't return: threads of their own try the other ways to zero volts."""
+"""The rescue from a device call that doesn't return: separate threads try the other ways to zero volts."""
 
 from __future__ import annotations
 

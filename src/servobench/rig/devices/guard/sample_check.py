@@ -67,7 +67,7 @@ class Answers:
     highest: float
     """The upper end of its range [unit]."""
     margin: float
-    """How far beyond the range is still rounding [unit]."""
+    """The distance beyond the range that is still rounding [unit]."""
 
     @classmethod
     def of(cls, info: DeviceInfo) -> Self:

@@ -56,7 +56,7 @@ class BlockAttendant(Protocol):
 
 
 class BlockDrive(Protocol):
-    """What drives the motor through a block."""
+    """The drive of the motor through a block."""
 
     @property
     def controller(self) -> Controller:

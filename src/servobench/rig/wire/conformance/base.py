@@ -1,4 +1,4 @@
-"""What a check is, and what comes of it."""
+"""The interface of a check, and its outcome."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Check:
     """A rule of the protocol, and how it is tried."""
 
     name: str
-    """What it is called in the table."""
+    """Its name in the table."""
     rule: str
     """The sentence of docs/reference/rig-protocol.md that it tests."""
     run: Run
-    """How it is tried."""
+    """The procedure."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class Outcome:
     verdict: Verdict
     """Whether the board keeps the rule."""
     found: str = ""
-    """What was found where it doesn't, or what isn't offered."""
+    """The observation if the check fails, or the feature that the board lacks."""
 
 
 def rule(checks: list[Check], sentence: str) -> Callable[[Run], Run]:

@@ -1,4 +1,4 @@
-"""What a board has to do while its motor stands still: no duty but zero is put out here."""
+"""Requirements on a board while its motor stands still: no duty but zero is applied here."""
 
 from __future__ import annotations
 

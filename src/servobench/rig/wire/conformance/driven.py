@@ -1,4 +1,4 @@
-"""What a board has to do while its motor turns, or would turn: only where that was asked for, with nothing on the shaft."""
+"""Requirements on a board while its motor turns, or would turn: only on request, with nothing on the shaft."""
 
 from __future__ import annotations
 
