@@ -49,7 +49,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
 
 
 def read_open(path: Path, file: BinaryIO) -> tuple[Recording, ...]:
-    """Return the same of a file that is open at its beginning; messages call it `path`. Raises `OSError` as well."""
+    """Return the same of a file that is open at its beginning; messages call it `path`. Raises `FormatError` and `OSError`."""
     size = os.fstat(file.fileno()).st_size
     _check_kind(path, file, size)
     found = _collect(file, size)
