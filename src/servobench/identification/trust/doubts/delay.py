@@ -18,8 +18,9 @@ def _delay(fit: Fit) -> list[Finding]:
     names = fit.model.names
     if "delay" not in names:
         return []
-    summed = np.array([name in _LAGS for name in names], dtype=float)
-    lag, sd = float(summed @ fit.model.theta), float(np.sqrt(summed @ fit.covariance @ summed))
+    summed = [at for at, name in enumerate(names) if name in _LAGS]  # what isn't known has an infinite variance
+    lag = float(fit.model.theta[summed].sum())
+    sd = float(np.sqrt(fit.covariance[np.ix_(summed, summed)].sum()))
     told = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
     if told or lag >= -3 * sd or lag >= -0.6 * fit.records[0].data.sample_time:
         return []
