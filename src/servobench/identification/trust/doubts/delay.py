@@ -18,7 +18,8 @@ def _delay(fit: Fit) -> list[Finding]:
     names = fit.model.names
     if "delay" not in names:
         return []
-    summed = [at for at, name in enumerate(names) if name in _LAGS]  # what isn't known has an infinite variance
+    # Nothing else is in the sum: what isn't known has an infinite variance.
+    summed = [at for at, name in enumerate(names) if name in _LAGS]
     lag = float(fit.model.theta[summed].sum())
     sd = float(np.sqrt(fit.covariance[np.ix_(summed, summed)].sum()))
     told = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
