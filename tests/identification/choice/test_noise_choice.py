@@ -1,11 +1,10 @@
-"""Where prediction error shows that output error ended in a wrong place, or that what looks like friction is a random torque."""
+"""Where prediction error shows that output error ended in a wrong place."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from servobench.identification.choice.noise_choice import allow_for_disturbance
 from servobench.identification.estimators.base import ESTIMATORS, Fit
@@ -14,7 +13,6 @@ from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 from tests.rig.motor.reference import Truth, march
-from tests.truth.test_intervals import answers
 
 GAIN, TIME_CONSTANT, COULOMB = 2.78, 0.0065, 0.62
 
@@ -54,15 +52,3 @@ def test_a_search_that_ended_beside_the_minimum_goes_on_from_where_prediction_er
     for name, true in (("gain", GAIN), ("time_constant", TIME_CONSTANT), ("coulomb_voltage", COULOMB)):
         low, high = fit[name].interval
         assert low < true < high, name
-
-
-@pytest.mark.parametrize("noise", [3e-5, 1e-4])
-def test_a_shaft_without_friction_that_a_torque_moves_in_its_rests_is_given_none(noise: float) -> None:
-    """A simulation takes the torque's wandering for friction; a shaft that rests doesn't wander, which no noise explains."""
-    u = np.repeat([0.0, 3.0, 0.0, -3.0, 0.0, 2.0], 500)
-    truth = Truth(coulomb_torque=0.0)
-    fit = identify(dataset(seed=0, samples=len(u), truth=truth, torque_noise=noise, u=u)).fit
-    assert fit is not None
-    assert (fit.structure, fit.estimator) == ("first_order", "prediction_error")
-    gain = fit["gain"]
-    assert abs(gain.value - answers(truth)["gain"]) < 3 * gain.sd

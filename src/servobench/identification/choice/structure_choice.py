@@ -20,7 +20,7 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info
-from servobench.core.rounding import TWO_SIDED, instead_of
+from servobench.core.rounding import instead_of
 from servobench.identification.choice.computed_data import about_computed, fit_to_computed
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
@@ -155,9 +155,7 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     """
     fit = allow(base.fit)
     rival = base.fits.get("first_order_coulomb")
-    if rival is not None and base.fit is rival:
-        return _allow_without_friction(base, fit, allow)
-    if fit.disturbance is None or rival is None:
+    if fit.disturbance is None or rival is None or base.fit is rival:
         return base, fit
     with_friction = allow(rival)
     if with_friction.disturbance is None:
@@ -175,23 +173,6 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     else:
         return base, fit
     return replace(base, fit=rival, findings=(found,)), with_friction
-
-
-def _allow_without_friction(base: _Base, fit: Fit, allow: Callable[[Fit], Fit]) -> tuple[_Base, Fit]:
-    """The base without Coulomb friction, if with it no noise model explains the residual and without it a random torque does.
-
-    A simulation takes what a torque does to the position for a little friction, which can't be told from none. A shaft that it
-    would hold wanders all the same, so that no torque explains the rests.
-    """
-    frictionless = base.fits.get("first_order")
-    told = abs(fit.model["coulomb_voltage"]) > TWO_SIDED * fit.sd("coulomb_voltage")
-    if frictionless is None or told or fit.disturbance is not None or explains_the_colour(fit):
-        return base, fit
-    without = allow(frictionless)
-    if without.disturbance is None or not explains_the_colour(without):
-        return base, fit
-    sentence = "The data show no Coulomb friction: where it would hold the shaft, a random torque moves it all the same."
-    return replace(base, fit=frictionless, findings=(info("friction-not-found", sentence),)), without
 
 
 def _friction_possible(gains: str) -> Finding:
