@@ -169,7 +169,7 @@ def _holds_the_times(series: Series) -> bool:
 def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: Sequence[str]) -> str:
     """The sentence that asks which column has a role, of those with such a name or else those that measure the right thing."""
     wanted = {"voltage", "duty"} if role == "input" else {"position", "speed"}
-    names = _left(recording, role, taken)
+    names = _free_columns(recording, role, taken)
     possible = [name for name in names if not may_be_supply(name)]
     candidates = candidates or [
         each for each in possible if quantity_of(recording[each].channel.unit) in wanted
@@ -203,7 +203,7 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
     return sentence
 
 
-def _left(recording: Recording, role: Role, taken: Sequence[str]) -> list[str]:
+def _free_columns(recording: Recording, role: Role, taken: Sequence[str]) -> list[str]:
     """The columns that may have a role still: as long as the longest, not the times, and not surely something else."""
     other: Role = "output" if role == "input" else "input"
     used = {*taken, *(each.name for each in recognise(recording, other, without=taken))}

@@ -17,7 +17,7 @@ _BOTH = 0.05  # of them at least turn either way
 _FEWEST = 20  # rows in motion
 
 
-def signed(size: Series, direction: Series) -> tuple[Series, Finding]:
+def with_sign(size: Series, direction: Series) -> tuple[Series, Finding]:
     """Return a series with the sign of another, which holds 1 and −1, or 1 and 0 for the two states of a pin.
 
     Raises `UsageError` for a direction of other values or of another length.
@@ -42,12 +42,12 @@ def signed(size: Series, direction: Series) -> tuple[Series, Finding]:
     return Series(channel=channel, values=size.values * signs, t=size.t), info("column-signed", told)
 
 
-def lost_sign(recording: Recording, input: Series, output: Series) -> str:
+def missing_sign(recording: Recording, input: Series, output: Series) -> str:
     """Return the name of the column that plainly has the input's sign; empty where none does.
 
     The input is never negative, the output turns both ways, and the column says which in four rows of five.
     """
-    moving = _moving(input.values, output)
+    moving = _motion_rows(input.values, output)
     if moving is None:
         return ""
     rows, rate = moving
@@ -61,7 +61,7 @@ def lost_sign(recording: Recording, input: Series, output: Series) -> str:
     return ""
 
 
-def _moving(u: Array, output: Series) -> tuple[np.ndarray, Array] | None:
+def _motion_rows(u: Array, output: Series) -> tuple[np.ndarray, Array] | None:
     """The rows in which a positive input turns the shaft, and how fast; None where it turns one way or the input has signs."""
     if len(u) != len(output.values) or np.any(u < 0) or not output.channel.unit:
         return None

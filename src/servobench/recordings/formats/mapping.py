@@ -17,7 +17,7 @@ from servobench.core.errors import MissingInformation, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
 from servobench.recordings.formats.choice import Choice, choose, spec_of
-from servobench.recordings.formats.direction import lost_sign
+from servobench.recordings.formats.direction import missing_sign
 from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
 from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role, shell_text
 from servobench.recordings.formats.supply import constant, motor_voltage
@@ -149,7 +149,7 @@ def _choose_and_time(
             parts[role] = part
     series = {role: part.series for role, part in parts.items()}
     if {"input", "output"} <= series.keys():
-        name, sign = series["input"].channel.name, lost_sign(recording, series["input"], series["output"])
+        name, sign = series["input"].channel.name, missing_sign(recording, series["input"], series["output"])
         if sign:
             missing.append(
                 f"the sign of the input `{name}`: it is never negative, but the shaft turns both ways, as `{sign}` says; say "

@@ -15,7 +15,7 @@ from servobench.core.finding import Finding, info
 from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.base import load
 from servobench.recordings.formats.columns import REMARK, bare_name, heading
-from servobench.recordings.formats.direction import signed
+from servobench.recordings.formats.direction import with_sign
 from servobench.recordings.recording import Recording, Series
 
 Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
@@ -247,7 +247,7 @@ def _with_sign(
         find_series(recording, ColumnSpec(column=text), part)
         for text, part in ((size, role), (direction, None))
     )
-    series, told = signed(large, which)
+    series, told = with_sign(large, which)
     return series, [*about_size, *about_which, told]
 
 
