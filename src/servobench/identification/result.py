@@ -210,7 +210,7 @@ class Result:
         return f"G(s) = {text}, in {system.unit}"
 
     def _lag_in_words(self, system: TransferFunction) -> str:
-        """What stands below a gain whose time constant isn't known by itself; empty where it is, or isn't alone."""
+        """The denominator with τ in place of an unknown time constant; empty if it is known, or if there are other poles."""
         lag = self.answers.get("time_constant")
         if lag is None or lag.state is State.KNOWN or len(system.denominator) != 2:
             return ""

@@ -27,6 +27,20 @@ def test_a_lag_that_makes_up_for_a_negative_delay_leaves_the_columns_aligned() -
     assert f"comes {0.002 - lag - fit.model['delay']:.3g} s before" in found.sentence
 
 
+def test_a_sum_without_an_interval_of_its_own_is_judged_by_its_value() -> None:
+    """Lag and delay that are known as a sum only: by rounding, its variance is a little below zero."""
+    fit = identify(two_masses(200.0, 0), structure="second_order").fit
+    assert fit is not None
+    apart = np.array(
+        [float(name == "delay") - float(name == "electrical_time_constant") for name in fit.model.names]
+    )
+    known = replace(fit, covariance=1e-8 * np.outer(apart, apart) - 1e-22)
+    lag = fit.model["electrical_time_constant"]
+
+    assert _doubts(known) == []
+    assert [found.code for found in _doubts(_with_lag(known, lag - 0.002))] == ["delay-negative"]
+
+
 def _with_lag(fit: Fit, lag: float) -> Fit:
     names = fit.model.names
     theta = np.where([name == "electrical_time_constant" for name in names], lag, fit.model.theta)

@@ -40,8 +40,8 @@ def allow_for_disturbance(fit: Fit) -> Fit:
 
     Where every count is where it should be there is nothing to allow for, or nothing but rounding.
     Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error is the safer of two wrong
-    noise models, with a covariance that allows for what the other one makes of the same data. Where the place that prediction
-    error comes to simulates better than that of output error, the latter was no minimum but a local one, and is left.
+    noise models, with a covariance that allows for what the other one makes of the same data. Where prediction
+    error ends in a place with a lower sum of squares, output error had stopped in a local minimum, and searches again from there.
     """
     if any(finding.code == delay_prior.CODE for finding in fit.findings):
         return _torque_fit_if_delay_known(fit)
@@ -62,7 +62,9 @@ def allow_for_disturbance(fit: Fit) -> Fit:
         if _squares(allowing) < _LOWER * _squares(fit):
             method = ESTIMATORS["output_error"]
             data = [record.data for record in fit.records]
-            return allow_for_disturbance(method.fit(fit.model.structure, data, [allowing.vector]))
+            lower = method.fit(fit.model.structure, data, [allowing.vector])
+            if _squares(lower) < _LOWER * _squares(fit):  # a prior of the delay may have led elsewhere
+                return allow_for_disturbance(lower)
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
     return allowing if fed_back or explains_the_colour(allowing) else allow_for_misfit(fit)
 

@@ -555,7 +555,7 @@ def _parse_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Faul
             faults.remarks.append(k)
             row = numbers_alone
         if row is None:
-            faults.row(_cell_count_text(layout.cells(line), layout), k)
+            faults.row(_row_fault(layout.cells(line), layout), k)
         elif not any(map(layout.is_number, row)):
             faults.row("row-without-numbers", k)
         else:
@@ -567,8 +567,8 @@ def _parse_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Faul
     return values
 
 
-def _cell_count_text(cells: Sequence[str], layout: Layout) -> str:
-    """What a row is that hasn't a cell for each column; without a number it is what a program says between its samples."""
+def _row_fault(cells: Sequence[str], layout: Layout) -> str:
+    """The code of a row without a cell for each column; one without a number is text that a program prints between samples."""
     if not any(map(layout.is_number, cells)):
         return "rows-text"
     return "row-short" if len(cells) < layout.columns else "row-long"

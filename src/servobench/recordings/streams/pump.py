@@ -1,4 +1,4 @@
-"""Bytes that a thread of their own fetches: a source has little room, and overflows while its rows are being worked on."""
+"""A thread that fetches bytes: a source has little room, and would overflow while its rows are processed."""
 
 from __future__ import annotations
 

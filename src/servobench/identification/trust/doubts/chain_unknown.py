@@ -33,7 +33,7 @@ def with_unknown_chain(fit: Fit) -> Fit:
 
 
 def is_unknown(data: Dataset) -> bool:
-    """Return whether nobody says how a speed was measured."""
+    """Return whether it isn't known how a speed was measured."""
     return data.kind == "speed" and not data.chain and not data.chain_known
 
 

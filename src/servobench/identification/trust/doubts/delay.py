@@ -21,7 +21,8 @@ def _delay(fit: Fit) -> list[Finding]:
     # Nothing else is in the sum: what isn't known has an infinite variance.
     summed = [at for at, name in enumerate(names) if name in _LAGS]
     lag = float(fit.model.theta[summed].sum())
-    sd = float(np.sqrt(fit.covariance[np.ix_(summed, summed)].sum()))
+    # The two may be known as a sum only: its variance can then be rounding error, of either sign.
+    sd = float(np.sqrt(max(fit.covariance[np.ix_(summed, summed)].sum(), 0.0)))
     told = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
     if told or lag >= -3 * sd or lag >= -0.6 * fit.records[0].data.sample_time:
         return []
