@@ -4,6 +4,7 @@ import errno
 import os
 import socket
 import threading
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -148,13 +149,26 @@ class Queue:
 
 
 def test_values_that_the_network_brings_late_belong_to_the_row_of_their_time() -> None:
-    stream = NetworkTables("robot/drive/voltage,/drive/position", sleep=lambda _: None)
+    looks = count()
+    stream = NetworkTables("robot/drive/voltage,/drive/position", now=lambda: 0.02 * next(looks))
     voltages = Queue([(0.0, 1.0)], [(0.02, 2.0), (0.04, 3.0)])
     positions = Queue([(0.0, 10.0), (0.02, 11.0), (0.04, 12.0)])
     stream._subscribers = [voltages, positions]
     rows = [stream._rows() for _ in range(20)]
 
     assert np.concatenate(rows).tolist() == [[0.0, 1.0, 10.0], [0.02, 2.0, 11.0], [0.04, 3.0, 12.0]]
+
+
+def test_after_a_pause_of_the_network_positions_wait_for_voltages_however_far_they_are_ahead() -> None:
+    looks = count()
+    stream = NetworkTables("robot/drive/voltage,/drive/position", now=lambda: 0.02 * next(looks))
+    times = 0.02 * np.arange(50)  # a second at once; the voltages come a look later
+    voltages = Queue([(0.0, 0.0)], [(t, t) for t in times[1:].tolist()])
+    stream._subscribers = [voltages, Queue([(t, 3 * t) for t in times.tolist()])]
+
+    rows = np.concatenate([stream._rows() for _ in range(20)])
+
+    np.testing.assert_allclose(rows, np.column_stack([times, times, 3 * times]), rtol=1e-12, atol=0.0)
 
 
 @pytest.mark.parametrize(

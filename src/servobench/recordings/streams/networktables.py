@@ -21,7 +21,7 @@ _AGAIN = 0.02  # s between two looks
 _PORT = 5810
 _MICROSECOND = 1e-6
 _PASS = 0.002  # s in which a loop publishes all of its topics
-_HELD = 0.2  # s; several times what robots' networks take to bring values of one pass
+_HELD = 0.2  # s of this computer; several times what robots' networks take to bring values of one pass
 
 
 @STREAMS.member("networktables")
@@ -35,7 +35,13 @@ class NetworkTables:
     Raises `UsageError` for a text without a host and two topics.
     """
 
-    def __init__(self, rest: str, *, sleep: Callable[[float], None] = time.sleep) -> None:
+    def __init__(
+        self,
+        rest: str,
+        *,
+        sleep: Callable[[float], None] = time.sleep,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         place, slash, topics = rest.partition("/")
         host, colon, port = place.partition(":")
         self._topics = [
@@ -52,9 +58,11 @@ class NetworkTables:
         self._names = ("time", *names)
         self._latest = np.full(len(names), np.nan)
         self._open_row: list[float] = []
-        self._pending: list[tuple[float, int, float]] = []
-        self._quiet = 0
+        self._opened = 0.0
+        self._pending: list[tuple[float, int, float, float]] = []  # time [s], topic, value, when it came [s]
+        self._newest = [-np.inf] * len(names)
         self._sleep = sleep
+        self._now = now
         self._instance: NetworkTableInstance | None = None
         self._subscribers: list[Any] = []
 
@@ -95,33 +103,36 @@ class NetworkTables:
         return Rows(names=self._names, values=rows)
 
     def _rows(self) -> Array:
-        """The rows of the passes that are over: others have begun, or nothing more has come for a while.
+        """The rows of the passes of which all is here.
 
-        Each topic has a queue of its own, and the network brings them in any order: what is younger than `_HELD` waits for what
-        the other topics had at that time.
+        Each topic has a queue of its own, and the others fill up while one is read: after a pause of the network by seconds.
         """
-        news = [
-            (value.serverTime * _MICROSECOND, at, value.value)
-            for at, each in enumerate(self._subscribers)
-            for value in each.readQueue()
-        ]
-        rows: list[list[float]] = []
-        self._pending = sorted([*self._pending, *news])
-        self._quiet = 0 if news else self._quiet + 1
-        over = self._quiet * _AGAIN >= _HELD
-        until = np.inf if over or not self._pending else self._pending[-1][0] - _HELD
+        now = self._now()
+        for at, each in enumerate(self._subscribers):
+            for value in each.readQueue():
+                self._newest[at] = value.serverTime * _MICROSECOND
+                self._pending.append((self._newest[at], at, value.value, now))
+        self._pending.sort()
+        until = self._complete_until(now)
         ready = [each for each in self._pending if each[0] <= until]
         self._pending = self._pending[len(ready) :]
-        for time_, at, value in ready:
+        rows: list[list[float]] = []
+        for time_, at, value, came in ready:
             if self._open_row and time_ > self._open_row[0] + _PASS:
                 self._close_row(rows)
             if at == len(self._latest) - 1:
                 self._close_row(rows)
-                self._open_row = [time_]
+                self._open_row, self._opened = [time_], came
             self._latest[at] = value
-        if over:
+        if self._open_row and until >= self._open_row[0] + _PASS:
             self._close_row(rows)
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(self._names))
+
+    def _complete_until(self, now: float) -> float:
+        """The server's time [s] up to which all is here: each topic has come as far, or what came has waited for `_HELD`."""
+        waiting = [(time_, came) for time_, _, _, came in self._pending]
+        waiting += [(self._open_row[0], self._opened)] if self._open_row else []
+        return max([min(self._newest), *(time_ + _PASS for time_, came in waiting if now - came >= _HELD)])
 
     def _close_row(self, rows: list[list[float]]) -> None:
         """Add the row under way to the others, unless a topic never came."""
