@@ -59,7 +59,14 @@ class Panel:
         return self.page.get_by_role("button", name=name, exact=isinstance(name, str))
 
     def tab(self, name: str) -> None:
-        self.page.get_by_role("tab", name=name).click()
+        """Choose a tab, once it stands still: where the page moves between press and release, neither hits the tab."""
+        tab = self.page.get_by_role("tab", name=name)
+        before = None
+        while (place := tab.bounding_box()) != before:
+            before = place
+            self.page.wait_for_timeout(150)  # two frames of the stand-in
+        tab.click()
+        self.page.get_by_role("tab", name=name, selected=True).wait_for()
 
     def until(self, holds: Callable[[], bool]) -> None:
         """Wait until something holds; how long doesn't matter, but not for ever."""
