@@ -90,7 +90,7 @@ def independent_poles(controller: Any, motor: tuple[float, float, float], h: flo
 
 
 def off(wished: Any, obtained: Array) -> float:
-    """The distance of the slowest poles from those specified, each as a part of its distance from zero, matched in their order."""
+    """The distance of the slowest poles from those specified, as parts of their distances from zero, in order."""
     key = lambda s: (round(s.imag / abs(s), 3), s.real)  # noqa: E731
     first = sorted(map(complex, wished), key=key)
     then = sorted(map(complex, obtained[: len(first)]), key=key)

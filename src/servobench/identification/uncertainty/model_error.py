@@ -350,7 +350,7 @@ def _sd(fit: Fit, gradient: Array) -> float:
 
 
 def _of_friction(fit: Fit) -> Array:
-    """The factor (P, P) that turns the gain's floor into the friction's: at the mean input the data show the speed K (u - u_c)."""
+    """The factor (P, P) that turns the gain's floor into the friction's: at the mean input the data show K (u - u_c)."""
     names, theta = fit.model.names, fit.model.theta
     mean = float(np.mean(np.abs(np.concatenate([record.data.u for record in fit.records]))))
     times = [
