@@ -101,7 +101,7 @@ def command(words: Sequence[str]) -> int:
 
 
 def _run(rows: Sequence[Row], runs: int, jobs: int, work: Path, out: Path) -> int:
-    """Run rows, then write the table of all rows that there are runs of. The code is looked at once, at the beginning."""
+    """Run rows, then write the table of all rows that there are runs of. The code is examined once, at the beginning."""
     from accuracy_parts import page
     from accuracy_parts.storage import fingerprint
     from accuracy_parts.work import done

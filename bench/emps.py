@@ -28,7 +28,7 @@ from servobench.recordings.measurement.measure import measure
 FOLDER = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 STRUCTURE = STRUCTURES["first_order_coulomb"]
 NAMES = [parameter.name for parameter in STRUCTURE.parameters]
-COUNTS = ((4, False), (5, True), (6, True))  # segments, and whether their scatter is held against a limit
+COUNTS = ((4, False), (5, True), (6, True))  # segments, and whether their scatter is compared with a limit
 JUDGED = ("gain", "time_constant", "coulomb_voltage")
 
 # With start states fitted, as here, they come out a little better than in the publication (3.52 % over the training record).

@@ -368,7 +368,7 @@ def page(figures: list[Figure], peers: Path) -> str:
 
 
 def command(words: list[str]) -> int:
-    """Show the figures, and write the page if that is asked for."""
+    """Show the figures, and write the page if that is requested."""
     parser = argparse.ArgumentParser(description="What a tick of one motor of an ensemble costs.")
     parser.add_argument("--write", action="store_true", help="write docs/benchmarks/ensemble.md")
     parser.add_argument("--peers", type=Path, default=PEERS, help="the interpreter of the peers' environment")

@@ -287,7 +287,7 @@ def half(each: Figure) -> str:
 
 
 def command(words: list[str]) -> int:
-    """Show the figures, and write the page if that is asked for."""
+    """Show the figures, and write the page if that is requested."""
     parser = argparse.ArgumentParser(description="How near identification comes to the machine.")
     parser.add_argument("--write", action="store_true", help="write docs/benchmarks/identification-speed.md")
     asked, figures = parser.parse_args(words), main()

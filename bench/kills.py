@@ -2,7 +2,7 @@
 
     python bench/kills.py --count 100
 
-The ring in shared memory outlives them, and tells how many samples there were; what is recovered from the disk is held against
+The ring in shared memory outlives them, and tells how many samples there were; what is recovered from the disk is compared with
 that. The recorder looks every 30 ms, which is 15 samples.
 """
 

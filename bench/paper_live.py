@@ -5,7 +5,7 @@
 
 A square wave of 1 to 3 V at 0.4 Hz at 1 kHz on the simulated motor beside the wall clock, in the loop's own process, recorded,
 while a process reads all rows without a pause and `stress-ng`, where it is installed, loads all processors. The same in virtual
-time gives the figures that it is held against.
+time gives the figures that it is compared with.
 """
 
 from __future__ import annotations

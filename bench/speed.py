@@ -405,7 +405,7 @@ def page(figures: list[Figure]) -> str:
 
 
 def command(words: list[str]) -> int:
-    """Show the figures, and write the page if that is asked for."""
+    """Show the figures, and write the page if that is requested."""
     parser = argparse.ArgumentParser(description="What a tick of a simulated run costs.")
     parser.add_argument(
         "--write", action="store_true", help="write docs/benchmarks/speed.md, and append to bench/history.csv"

@@ -26,7 +26,7 @@ class FirstOrder:
     delay: float = 0.0
 
 
-# The steps of the differences. Large beside the rounding of the simulation (1e-13 rad), small beside any curvature.
+# The steps of the differences. Large compared with the rounding of the simulation (1e-13 rad), small compared with any curvature.
 _STEPS = {
     "gain": 1e-4,
     "tau": 1e-6,

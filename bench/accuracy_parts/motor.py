@@ -1,4 +1,4 @@
-"""The reference motor, and what the estimates of a motor are held against."""
+"""The reference motor, and what the estimates of a motor are compared with."""
 
 from dataclasses import dataclass, replace
 

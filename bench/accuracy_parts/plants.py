@@ -1,6 +1,6 @@
 """The plants of the benches: each draws a motor and an input, and returns what an encoder says of it, with the truth.
 
-Each plant says in `truth` what an estimate is held against. Speeds and angles are those of the motor's shaft.
+Each plant says in `truth` what an estimate is compared with. Speeds and angles are those of the motor's shaft.
 """
 
 from collections.abc import Callable

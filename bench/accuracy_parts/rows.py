@@ -51,7 +51,7 @@ def rows() -> tuple[Row, ...]:
 
 
 def _noises() -> list[Row]:
-    """The reference motor under each kind of noise, held against the bound."""
+    """The reference motor under each kind of noise, compared with the bound."""
     torques = {"1e-7": 1e-7, "1e-6": 1e-6, "1e-5": 1e-5, "1e-4": 1e-4}
     fine = partial(Row, part=LIMIT, draws="fine_noise")
     return [

@@ -62,7 +62,7 @@ class Known:
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """The judgement of a case: its false causes (`false`), whether it has a cause that must be named, and whether it was."""
+    """The judgement of a case: its false causes (`false`), whether a cause must be named, and whether it was."""
 
     told: Told
     false: tuple[str, ...]

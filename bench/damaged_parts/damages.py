@@ -15,7 +15,7 @@ from servobench.recordings.recording import Recording
 class Copy:
     """One damaged copy: what was done, to which recordings of ours, and the codes of which one has to be among the findings.
 
-    `nominal` is a data sheet that the result is held against; `tells` is False where nothing in the data shows the damage.
+    `nominal` is a data sheet that the result is compared with; `tells` is False where nothing in the data shows the damage.
     """
 
     damage: str

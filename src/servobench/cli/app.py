@@ -50,8 +50,8 @@ _STATUSES = (
 )
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"servobench {__version__}")
         raise typer.Exit
 

@@ -63,13 +63,14 @@ def commission(
     DEVICE is a name with settings, as of `run --device`: "rig:/dev/ttyUSB0 supply=9V". Each check is verified, failed,
     unsupported or unknown, and says what to do.
 
-    Nothing spins before stopping was proved: 0 V, short pulses, the device's watchdog, then the rest, up to half of the range.
+    Nothing spins until stopping is proved: 0 V, short pulses, the device's watchdog, then the rest, up to half of the range.
     Ctrl-C stops the motor and reports what was found until then. Exit status 4 if a check failed.
     """
     from servobench.cli.device_choice import device_choice
+    from servobench.cli.experiment_choice import make_device
     from servobench.cli.output_folder import empty_folder
     from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.run import device_asked_for, terminate_like_ctrl_c
+    from servobench.cli.run import terminate_like_ctrl_c
     from servobench.cli.terminal import messages, output, print_json
     from servobench.core.errors import UsageError
     from servobench.rig.commission.acceptance import commission as carry_out
@@ -80,8 +81,8 @@ def commission(
 
     signature = _signature(signed_by, signed_on)
     limit = _volts(voltage_limit)
-    choice = device_choice(device, DeviceChoice(name="?"), 'in one text: "{} key=value"', said="")
-    made = device_asked_for(Experiment(device=choice), None)
+    choice = device_choice(device, DeviceChoice(name="?"), 'in one text: "{} key=value"', option="")
+    made = make_device(Experiment(device=choice), None)
     console = messages() if as_json else output()
     talks = _is_talking() and not (yes or as_json)
     now = datetime.now()
@@ -121,7 +122,7 @@ def commission(
 
 
 class Hand:
-    """Somebody who turns the shaft by hand, and is told when; in a conversation Enter says that it is done."""
+    """A person who turns the shaft by hand on request; in a conversation Enter says that it is done."""
 
     def __init__(self, turns: float, talks: bool, progress: Progress) -> None:
         self.turns = turns
@@ -192,13 +193,14 @@ def _is_talking() -> bool:
 def _runner(folder: Path, progress: Progress) -> Runner:
     """The runner of the experiments, each recorded to a file of its own in the folder."""
 
-    def carry_out(asked: Experiment, name: str, look: Look | None) -> Recording:
-        from servobench.cli.run import device_asked_for, warn_of_danger
+    def carry_out(experiment: Experiment, name: str, look: Look | None) -> Recording:
+        from servobench.cli.experiment_choice import make_device
+        from servobench.cli.run import warn_of_danger
         from servobench.rig.loop.live import run_where_its_time_passes
 
         recording = run_where_its_time_passes(
-            asked,
-            device_asked_for(asked, None),
+            experiment,
+            make_device(experiment, None),
             to=folder / f"{name}.mcap",
             look=look,
             alarm=progress.alarm,
@@ -242,7 +244,7 @@ def _show(console: Console, progress: Progress, checked: Checked) -> None:
 
 
 def _with_options(found: Acceptance) -> Acceptance:
-    """The same with options in the place of keywords, as whoever reads it has a command line."""
+    """The same with options in place of keywords, for a reader at a command line."""
     from servobench.cli.option_names import with_options
 
     def with_option(checked: Checked) -> Checked:
@@ -270,8 +272,8 @@ def _conclude(console: Console, found: Acceptance, folder: Path) -> None:
     from servobench.cli.terminal import say
     from servobench.report.commission import conclusion
 
-    told = conclusion(found)
-    say(console, f"\n{told['word']}. {told['reason']}")
+    sentence = conclusion(found)
+    say(console, f"\n{sentence['word']}. {sentence['reason']}")
     say(console, f"report: {folder / 'report.html'}")
 
 

@@ -41,7 +41,7 @@ def convert(
     with Progress() as progress:
         recordings = load_all([source], progress)
     if set(reading.flags) - {"--recording"}:
-        recordings = [_as_said(each) for each in evidence_of(recordings, reading)]
+        recordings = [_measurable_recording(each) for each in evidence_of(recordings, reading)]
     elif reading.recording:
         recordings = select(recordings, reading.recording)
     save(recordings, target)
@@ -53,13 +53,13 @@ def convert(
         print_json(document_of_files([target], recordings, findings))
 
 
-def _as_said(found: Evidence) -> Recording:
-    """The recording as it was said to be; raises `UsageError` for a chain that is still to come: no file holds what it yields."""
+def _measurable_recording(evidence: Evidence) -> Recording:
+    """The recording with its options; raises `UsageError` for a chain that wasn't applied: no file holds its output."""
     from servobench.core.errors import UsageError
 
-    if found.chain:
+    if evidence.chain:
         raise UsageError(
-            f"{found.recording.name}: the output `{found.recording.output}` hasn't passed the chain `{found.chain}` yet; "
-            "leave the chain out here, and give it to `servobench identify`"
+            f"{evidence.recording.name}: the output `{evidence.recording.output}` hasn't passed the chain "
+            f"`{evidence.chain}` yet; leave the chain out here, and give it to `servobench identify`"
         )
-    return found.recording
+    return evidence.recording

@@ -79,13 +79,13 @@ def design(
         speed=_maybe("--speed-limit", speed_limit, "rad/s"),
         travel=_maybe("--travel-limit", travel_limit, "rad"),
     )
-    wanted, length = _wish(wish), _in("--duration", duration, "s")
+    target, length = _wish(wish), _in("--duration", duration, "s")
     step = _in("--experiment-sample-time", experiment_sample_time, "s")
     check_free(out, "--out", [known_from, reading.mapping], overwrite)
     motor = _motor(nominal, known_from, reading, starts_at_rest)
     with Progress() as progress, announce_compiling(progress):
         progress.begin("comparing experiments")
-        made = best(motor, limits, length, step, wanted)
+        made = best(motor, limits, length, step, target)
     console = messages() if as_json else output()
     if out is not None:
         _write(out, made.experiment.to_toml())
@@ -171,17 +171,17 @@ def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> No
     rows = []
     for parameter in structure.parameters:
         value, half = float(values[parameter.name]), TWO_SIDED * made.chosen.sd[parameter.name]
-        told = round_value(value, half, parameter.unit.format(position="rad", input="V"))
+        text = round_value(value, half, parameter.unit.format(position="rad", input="V"))
         share = f"{100 * half / abs(value):.2g} %" if value else ""
         rows.append(
-            (parameter_in_words(parameter.name), told.value.replace("−", "-"), told.half, share, told.unit)
+            (parameter_in_words(parameter.name), text.value.replace("−", "-"), text.half, share, text.unit)
         )
     show_table(console, headings, rows, right=headings[1:4])
     console.print()
 
 
 def _show_comparison(console: Console, made: Design) -> None:
-    """Print the experiments beside each other, with a picture: bars on a logarithmic scale."""
+    """Print the experiments side by side, with a picture: bars on a logarithmic scale."""
     from servobench.cli.layout import show_table
 
     every = (made.chosen, *made.others, made.paper)

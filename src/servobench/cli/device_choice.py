@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from servobench.rig.experiment import DeviceChoice
 
 
-def device_choice(text: str, in_file: DeviceChoice, where: str, said: str = "--device ") -> DeviceChoice:
+def device_choice(text: str, in_file: DeviceChoice, where: str, option: str = "--device ") -> DeviceChoice:
     """Return the device that a text such as `rig:/dev/ttyUSB0 supply=9V` names, with the faults of the one in the file.
 
     Where it is the device in the file the settings in the file hold, too, unless the text says others. `where` says where else
@@ -20,17 +20,17 @@ def device_choice(text: str, in_file: DeviceChoice, where: str, said: str = "--d
     from servobench.core.errors import UsageError
     from servobench.rig.devices.base import missing_settings
 
-    name, given = _read(text, said)
+    name, given = _read(text, option)
     settings: Mapping[str, Any] = {**in_file.settings, **given} if name == in_file.name else given
     if missing := missing_settings(name, settings):
-        lines = [f"{said}{text}: {each}" for each in missing]
+        lines = [f"{option}{text}: {each}" for each in missing]
         raise UsageError(
             "\n".join([*lines, f"settings are given behind the name, as key=value, or {where.format(name)}"])
         )
     return in_file.model_copy(update={"name": name, "settings": settings})
 
 
-def _read(text: str, said: str) -> tuple[str, dict[str, Any]]:
+def _read(text: str, option: str) -> tuple[str, dict[str, Any]]:
     """The name and the settings in a text."""
     from servobench.core.errors import UsageError
     from servobench.rig.devices.base import DEVICES
@@ -41,7 +41,7 @@ def _read(text: str, said: str) -> tuple[str, dict[str, Any]]:
         words = []
     if not words:
         raise UsageError(
-            f"{said}{text!r} can't be read; expected a name and settings: rig:/dev/ttyUSB0 supply=9V"
+            f"{option}{text!r} can't be read; expected a name and settings: rig:/dev/ttyUSB0 supply=9V"
         )
     name, colon, address = words[0].partition(":")
     given: dict[str, Any] = {}
@@ -49,15 +49,15 @@ def _read(text: str, said: str) -> tuple[str, dict[str, Any]]:
         setting = getattr(DEVICES[name], "address", None)
         if setting is None or not address:
             raise UsageError(
-                f"{said}{words[0]!r}: {'nothing stands' if setting else f'the device {name} takes nothing'} behind the colon; "
-                f"expected {said}{name}{':' + setting.upper() if setting else ''}"
+                f"{option}{words[0]!r}: {'nothing stands' if setting else f'the device {name} takes nothing'} behind the colon; "
+                f"expected {option}{name}{':' + setting.upper() if setting else ''}"
             )
         given[setting] = address
     for word in words[1:]:
         key, sign, value = word.partition("=")
         if not (key and sign and value) or key in given:
             raise UsageError(
-                f"{said}{text!r}: {word!r} isn't a setting, or occurs twice; expected key=value, as in supply=9V"
+                f"{option}{text!r}: {word!r} isn't a setting, or occurs twice; expected key=value, as in supply=9V"
             )
         given[key] = _value(value)
     return name, given

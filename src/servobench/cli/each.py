@@ -67,8 +67,8 @@ def _identify_one(file: Path, settings: Settings, folder: Path | None, as_json: 
     except ServobenchError as error:
         if error.exit_status != USER_MISTAKE:
             raise
-        told = "; ".join(error.missing) if isinstance(error, MissingInformation) else str(error)
-        sentence = with_options(told)
+        reason = "; ".join(error.missing) if isinstance(error, MissingInformation) else str(error)
+        sentence = with_options(reason)
         complain(f"{file}: {sentence}")
         if as_json:
             _print_line(file, sentence, None)
@@ -96,8 +96,8 @@ def _write(folder: Path, evidence: Sequence[Evidence], result: Result, command: 
     from servobench.cli.run_folder import RunFolder
     from servobench.report.document import Report
 
-    with TemporaryDirectory(prefix=".", dir=folder.parent) as beside:
-        whole = RunFolder(Path(beside) / folder.name)
+    with TemporaryDirectory(prefix=".", dir=folder.parent) as temporary:
+        whole = RunFolder(Path(temporary) / folder.name)
         make(whole.path)
         whole.write_result(result.to_dict())
         Report([part.recording for part in evidence], result, command=command).write(whole.report)
@@ -109,14 +109,14 @@ def _in_a_line(result: Result) -> str:
     from servobench.core.finding import Severity
     from servobench.core.parameter_names import parameter_in_words
 
-    told: list[Any] = [str(result.verdict)]
+    parts: list[Any] = [str(result.verdict)]
     if result.verdict == "refused" or result.fit is None:
         reasons = [each.sentence for each in result.findings if each.severity is Severity.REFUSAL]
-        return "; ".join([*told, *reasons[:1]])
+        return "; ".join([*parts, *reasons[:1]])
     for name, estimate in result.fit.estimates.items():
         if name in ("gain", "time_constant"):
-            told.append(f"{parameter_in_words(name, estimate.unit)} {estimate}")
-    return ", ".join(told)
+            parts.append(f"{parameter_in_words(name, estimate.unit)} {estimate}")
+    return ", ".join(parts)
 
 
 def _names_of_their_own(files: Sequence[Path]) -> list[str]:

@@ -66,22 +66,22 @@ def ensemble(
     The folder gets report.html, motors.csv with a row for each motor, ensemble.json and experiment.toml. Ctrl-C while motors are
     identified keeps what is known so far.
     """
+    from servobench.cli.experiment_choice import choose_experiment
     from servobench.cli.output_folder import empty_folder
     from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.run import experiment_asked_for
     from servobench.cli.terminal import messages, output, print_json, say
 
-    asked = experiment_asked_for(experiment, None, seed, None)
-    if asked.seed is None:  # kept in the folder's experiment, so that these motors can be drawn again
-        asked = asked.model_copy(update={"seed": randbits(_SEED_BITS)})
-    motor = _motor(asked, experiment)
-    wanted = _tolerances(spread or ())
+    chosen = choose_experiment(experiment, None, seed, None)
+    if chosen.seed is None:  # kept in the folder's experiment, so that these motors can be drawn again
+        chosen = chosen.model_copy(update={"seed": randbits(_SEED_BITS)})
+    motor = _motor(chosen, experiment)
+    tolerances = _tolerances(spread or ())
     console = messages() if as_json else output()
     with empty_folder(out, "ensemble", datetime.now()) as folder:
         found: list[IdentifiedMotor] = []
         with Progress() as progress, announce_compiling(progress):
-            made = _simulate(motor, asked, count, wanted, threads, progress)
-            _write(folder, "experiment.toml", asked.to_toml())
+            made = _simulate(motor, chosen, count, tolerances, threads, progress)
+            _write(folder, "experiment.toml", chosen.to_toml())
             stopped = identify and _identify(made, threads, progress, found)
             document = _keep(made, found, folder, context.obj or "", progress)
         _show(console, made, found)
@@ -97,9 +97,9 @@ def ensemble(
 
 def _simulate(
     motor: TwinSettings,
-    asked: Experiment,
+    experiment: Experiment,
     count: int,
-    wanted: dict[str, str],
+    tolerances: dict[str, str],
     threads: int | None,
     progress: Progress,
 ) -> Ensemble:
@@ -108,26 +108,32 @@ def _simulate(
 
     progress.begin(f"simulating {count_text(count, 'motor')}")
     return simulated(
-        motor, asked, count, wanted, seed=asked.seed or 0, threads=threads, progress=progress.advance
+        motor,
+        experiment,
+        count,
+        tolerances,
+        seed=experiment.seed or 0,
+        threads=threads,
+        progress=progress.advance,
     )
 
 
-def _motor(asked: Experiment, file: Path | None) -> TwinSettings:
+def _motor(experiment: Experiment, file: Path | None) -> TwinSettings:
     """The twin that the experiment names; its settings are checked as `servobench run` does."""
-    from servobench.cli.run import device_asked_for
+    from servobench.cli.experiment_choice import make_device
     from servobench.core.errors import UsageError
     from servobench.rig.devices.twin import Twin
     from servobench.rig.ensemble.simulation import check_can_be_simulated
 
-    if asked.device.name != "twin":
+    if experiment.device.name != "twin":
         raise UsageError(
-            f'the experiment\'s device is {asked.device.name}; an ensemble is simulated: put name = "twin" in [device]'
+            f'the experiment\'s device is {experiment.device.name}; an ensemble is simulated: put name = "twin" in [device]'
         )
-    plain = asked.model_copy(update={"device": asked.device.model_copy(update={"faults": ()})})
-    device = device_asked_for(plain, file)
+    plain = experiment.model_copy(update={"device": experiment.device.model_copy(update={"faults": ()})})
+    device = make_device(plain, file)
     if not isinstance(device, Twin):
         raise UsageError(f"the experiment's device is a {type(device).__name__}; expected the twin")
-    check_can_be_simulated(asked, device.settings)
+    check_can_be_simulated(experiment, device.settings)
     return device.settings
 
 
@@ -224,7 +230,7 @@ def _show(console: Console, made: Ensemble, found: Sequence[IdentifiedMotor]) ->
     for sentence in sentences(made):
         show_wrapped(console, Text(""), sentence, hanging=2)
     for name in made.outcomes:
-        if told := remark(made, name):
-            show_wrapped(console, Text(f"{plain_words(name)}: "), told, hanging=2)
+        if note := remark(made, name):
+            show_wrapped(console, Text(f"{plain_words(name)}: "), note, hanging=2)
     for each in coverages(made, found):
         show_wrapped(console, Text(""), coverage_text(each), hanging=2)

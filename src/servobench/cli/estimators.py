@@ -31,5 +31,5 @@ def _facts(abilities: Mapping[str, Any]) -> dict[str, Any]:
     """An estimator's abilities: its texts, and the list of what it can do."""
     from servobench.core.parameter_names import plain_words
 
-    told = {name: value for name, value in abilities.items() if isinstance(value, str) and value}
-    return {**told, "can": [plain_words(name) for name, value in abilities.items() if value is True]}
+    texts = {name: value for name, value in abilities.items() if isinstance(value, str) and value}
+    return {**texts, "can": [plain_words(name) for name, value in abilities.items() if value is True]}

@@ -44,7 +44,7 @@ def report_failure(error: BaseException, *, debug: bool = False) -> int:
     """Say what went wrong on standard error, and return the exit status.
 
     A mistake of the user, a device or a disk that failed get a sentence. An error of ours gets one as well, and its traceback
-    goes to a file; with `debug` the traceback is shown, whoever's fault it was.
+    goes to a file; with `debug` the traceback is shown for any error.
     """
     status, sentence = _status_and_sentence(error)
     with suppress(OSError):  # if nothing reads the messages, the exit status still reports it
@@ -60,8 +60,8 @@ def report_failure(error: BaseException, *, debug: bool = False) -> int:
 def complain(sentence: str) -> None:
     """Say on standard error what went wrong."""
     # Not wrapped: a path or a column's name is to be found again in a log.
-    told = printable(with_options(sentence))
-    messages().print(Text.assemble(("Error: ", "bold red"), told), soft_wrap=True)
+    text = printable(with_options(sentence))
+    messages().print(Text.assemble(("Error: ", "bold red"), text), soft_wrap=True)
 
 
 def flush_output(status: int) -> int:

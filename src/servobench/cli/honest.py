@@ -84,8 +84,8 @@ def honest(
         progress.begin("identifying")
         evidence = evidence_of(recordings, reading)
         data = [each.dataset(starts_at_rest) for each in evidence]
-        beside = _beside([each.recording for each in evidence])
-        found = held_together(data, structure=structure, beside=beside)
+        measured = _channel_means([each.recording for each in evidence])
+        found = held_together(data, structure=structure, beside=measured)
     _show(console, found)
     if as_json:
         print_json(found.to_dict())
@@ -112,29 +112,25 @@ def _repeat_runs(
     console: Console,
     progress: Progress,
 ) -> tuple[list[Recording], str]:
-    """An experiment carried out so many times, and the chain through which it is to be looked at."""
+    """The recordings of an experiment carried out so many times, and the chain for measuring them."""
+    from servobench.cli.experiment_choice import choose_experiment, make_device
     from servobench.cli.output_folder import empty_folder
-    from servobench.cli.run import (
-        device_asked_for,
-        experiment_asked_for,
-        terminate_like_ctrl_c,
-        warn_of_danger,
-    )
+    from servobench.cli.run import terminate_like_ctrl_c, warn_of_danger
     from servobench.cli.terminal import say
     from servobench.rig.loop.live import run_where_its_time_passes
 
-    asked = experiment_asked_for(file, device, seed, None)
+    chosen = choose_experiment(file, device, seed, None)
     recordings = []
     progress.begin("running")
     with empty_folder(out, "honest", datetime.now()) as folder, terminate_like_ctrl_c():
         # Made here and nowhere else: of two commands that were given the same empty folder one has it.
         with (folder / "experiment.toml").open("x", encoding="utf-8", newline="\n") as text:
-            text.write(asked.to_toml())
+            text.write(chosen.to_toml())
         for number in range(runs):
-            one = _experiment_of_run(asked, number)
+            one = _experiment_of_run(chosen, number)
             recording = run_where_its_time_passes(
                 one,
-                device_asked_for(one, file),
+                make_device(one, file),
                 to=folder / f"run-{number + 1}.mcap",
                 alarm=progress.alarm,
             )
@@ -144,31 +140,33 @@ def _repeat_runs(
             if recording.stopped.reason != "finished":
                 break
     say(console, f"{len(recordings)} runs in {folder}")
-    return recordings, asked.chain
+    return recordings, chosen.chain
 
 
-def _experiment_of_run(asked: Experiment, number: int) -> Experiment:
+def _experiment_of_run(experiment: Experiment, number: int) -> Experiment:
     """The experiment of a run: with a seed of its own, and a twin's shaft where chance left it, as a real one's is."""
     import numpy as np
 
     changed: dict[str, object] = {"until": ""}
-    if asked.seed is not None:
-        changed["seed"] = asked.seed + number
-    if asked.device.name == "twin" and "start_angle" not in asked.device.settings:
-        angle = float(np.random.default_rng([asked.seed or 0, number]).uniform(0, 2 * math.pi))
-        settings = {**asked.device.settings, "start_angle": angle}
-        changed["device"] = asked.device.model_copy(update={"settings": settings})
-    return asked.model_copy(update=changed)
+    if experiment.seed is not None:
+        changed["seed"] = experiment.seed + number
+    if experiment.device.name == "twin" and "start_angle" not in experiment.device.settings:
+        angle = float(np.random.default_rng([experiment.seed or 0, number]).uniform(0, 2 * math.pi))
+        settings = {**experiment.device.settings, "start_angle": angle}
+        changed["device"] = experiment.device.model_copy(update={"settings": settings})
+    return experiment.model_copy(update=changed)
 
 
-def _beside(recordings: Sequence[Recording]) -> Mapping[str, list[float]]:
+def _channel_means(recordings: Sequence[Recording]) -> Mapping[str, list[float]]:
     """The means of the temperatures and supplies that all recordings have as a channel."""
     import numpy as np
 
     words = {"temp": "the temperature", "supply": "the supply", "batter": "the supply", "bus": "the supply"}
     found: dict[str, list[float]] = {}
     for series in recordings[0].series:
-        what = next((told for word, told in words.items() if word in series.channel.name.lower()), None)
+        what = next(
+            (quantity for word, quantity in words.items() if word in series.channel.name.lower()), None
+        )
         same = [
             next((s for s in each.series if s.channel.name == series.channel.name), None)
             for each in recordings
@@ -190,9 +188,9 @@ def _show(console: Console, found: Honesty) -> None:
     headings = ("parameter", "over all runs", "±", "unit", "scatter / stated", "between 95 %", "covered")
     rows = []
     for each in found.parameters:
-        told = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
+        mean = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
         ends = f"{plain(each.ratio_interval[0], 2)} to {plain(each.ratio_interval[1], 2)}"
-        cells = (told.value, told.half, told.unit, plain(each.ratio, 2), ends)
+        cells = (mean.value, mean.half, mean.unit, plain(each.ratio, 2), ends)
         rows.append(
             (parameter_in_words(each.name, each.unit), *cells, f"{each.covered} of {len(found.runs)}")
         )

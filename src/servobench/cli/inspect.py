@@ -57,7 +57,7 @@ def inspect(
     with Progress() as progress:
         loaded = load_all([file], progress)
     meant = recordings_meant(loaded, **reading.options)
-    looks = [_look(each, said) for each, said in meant]
+    looks = [_look(each, mapping) for each, mapping in meant]
     recordings = [look.recording for look in looks]
     console = messages() if as_json else output()
     source = recordings[0].source
@@ -91,15 +91,15 @@ class _Look:
     against: str = ""
 
 
-def _look(recording: Recording, said: Mapping) -> _Look:
+def _look(recording: Recording, mapping: Mapping) -> _Look:
     """The recording with the given options applied; raises `UnknownName` for a missing column."""
     from servobench.core.errors import MissingInformation, ServobenchError, UnknownName
     from servobench.recordings.evidence import evidence_of
 
     try:
-        part = evidence_of(recording, said)
-        told = part.recording if said != type(said)() else recording
-        return _Look(told, part.dataset())
+        part = evidence_of(recording, mapping)
+        described = part.recording if mapping != type(mapping)() else recording
+        return _Look(described, part.dataset())
     except MissingInformation as error:
         return _Look(recording, missing=tuple(error.missing))
     except UnknownName:
@@ -197,7 +197,7 @@ def _times(recording: Recording) -> list[str]:
 
 
 def _pictures(console: Console, recording: Recording) -> list[str]:
-    """The channels that are looked at over time, and how the intervals between the samples are spread."""
+    """The channels that are examined over time, and how the intervals between the samples are spread."""
     import numpy as np
 
     from servobench.cli.pictures import histogram, line_over_time, pen_for
@@ -248,12 +248,12 @@ def _support(look: _Look) -> tuple[list[str], list[Finding]]:
 
     data = look.data
     if look.missing:
-        asked = [f"  • {with_options(each)}" for each in look.missing]
-        return ["To identify it, this is missing:", *asked], []
+        questions = [f"  • {with_options(each)}" for each in look.missing]
+        return ["To identify it, this is missing:", *questions], []
     if data is None:
         return [f"It can't be identified as it is: {with_options(look.against)}"], []
-    told = (
+    text = (
         f"`servobench identify` can use it as it is: the output is a {data.kind} in {_unit_in(look.recording, data)}, "
         f"{data.duration:.4g} s long, the input {data.u.min():.4g} to {data.u.max():.4g} {data.input_unit}."
     )
-    return [told], about_data([data])
+    return [text], about_data([data])

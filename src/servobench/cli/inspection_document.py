@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 SCHEMA = "servobench.inspection/1"
 
 
-def inspection_document(meant: Sequence[tuple[Recording, Mapping]]) -> dict[str, Any]:
+def inspection_document(recordings: Sequence[tuple[Recording, Mapping]]) -> dict[str, Any]:
     """Return what is in each recording of a file, with what was said of it."""
-    source = meant[0][0].source
+    source = recordings[0][0].source
     document = {
         "schema": SCHEMA,
         "source": {"name": source.name, "format": source.format, "sha256": source.sha256},
-        "recordings": [_of(recording, said) for recording, said in meant],
+        "recordings": [_of(recording, mapping) for recording, mapping in recordings],
     }
     return dict(finite(document))
 
 
-def _of(recording: Recording, said: Mapping) -> dict[str, Any]:
-    found = describe(recording, said)
+def _of(recording: Recording, mapping: Mapping) -> dict[str, Any]:
+    found = describe(recording, mapping)
     return {
         "name": found.name,
         "channels": [asdict(each) for each in found.channels],

@@ -230,10 +230,10 @@ class Reading:
     @property
     def options(self) -> dict[str, Any]:
         """The same by the names that Python has for them; raises `UsageError` for a sample time that can't be one."""
-        said = {each.name: getattr(self, each.name) for each in fields(self)}
-        said = {name: None if value == "" else value for name, value in said.items()}
-        names = said.pop("recording")
-        return {**said, "sample_time": _seconds(self.sample_time), "recordings": names or None}
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values = {name: None if value == "" else value for name, value in values.items()}
+        names = values.pop("recording")
+        return {**values, "sample_time": _seconds(self.sample_time), "recordings": names or None}
 
 
 AS_IT_IS = Reading()
@@ -261,8 +261,8 @@ def with_reading(command: Callable[..., T]) -> Callable[..., T]:
 
     @wraps(command)
     def read(**given: Any) -> T:
-        said = Reading(**{name: given.pop(name) for name in names})
-        return command(**given, reading=said)
+        reading = Reading(**{name: given.pop(name) for name in names})
+        return command(**given, reading=reading)
 
     read.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
     return read

@@ -98,7 +98,7 @@ def panel(
     page is visible. Ctrl-C sets the voltage to zero and ends the panel; its last line says whether the device confirmed zero
     volts.
     """
-    from servobench.cli.run import device_asked_for, experiment_asked_for
+    from servobench.cli.experiment_choice import choose_experiment, make_device
     from servobench.cli.terminal import messages, say
     from servobench.core.errors import UsageError
 
@@ -119,12 +119,10 @@ def panel(
             f'the panel needs {error.name}, which isn\'t installed: pip install "servobench[panel]"'
         ) from None
     if student is None:
-        asked = experiment_asked_for(experiment, device, None, None)
+        chosen = choose_experiment(experiment, device, None, None)
     else:
-        asked = _student_experiment(student, secret, exercise, exercises or FOLDER)
-    device_asked_for(
-        asked, experiment
-    )  # not entered: a mistake in its settings shows before anything is opened
+        chosen = _student_experiment(student, secret, exercise, exercises or FOLDER)
+    make_device(chosen, experiment)  # not entered: a mistake in its settings shows before anything is opened
     library, keys, local_page = Library(folder), Keys(used=lambda carrier: on_use(carrier)), LocalPage()
     library.prepare()
     with listen(host, port) as listener:
@@ -151,7 +149,7 @@ def panel(
                     base, key, folder, lambda: say(console, "no browser has opened: open the link above.")
                 )
 
-        motor = MotorSession(asked, library)
+        motor = MotorSession(chosen, library)
         try:
             with library.hold(base):
                 run(
@@ -206,7 +204,7 @@ def _student_experiment(student: str, secret: Path | None, name: str | None, fol
 
 
 def _tls(host: str, certificate: Path | None, key: Path | None, without: bool) -> Tls | None:
-    """The certificate, None where there is none to be; raises `UsageError` for what isn't safe and wasn't asked for."""
+    """The certificate, None where there is none to be; raises `UsageError` for what isn't safe and wasn't requested."""
     from servobench.core.errors import UsageError
 
     if (certificate is None) != (key is None):

@@ -41,7 +41,7 @@ class _Work:
         return self.latest[1] if self.latest else 0.0
 
     def time_left(self, now: float) -> float | None:
-        """Return the time that is left [s], at the pace so far unless it was told; None where nothing tells the pace."""
+        """Return the time that is left [s], at the pace so far unless it is given; None if the pace is unknown."""
         if self.left is not None:
             return max(0.0, self.left)
         if self.first is None or self.latest is None or self.latest[1] <= self.first[1]:
@@ -111,7 +111,7 @@ class Progress:
             yield
 
     def alarm(self, sentence: str) -> None:
-        """Print at once what a person beside the motor has to know; the current step is no longer shown as running."""
+        """Print at once what a person at the motor has to know; the current step is no longer shown as running."""
         self.begin("")
         with self._writing, suppress(OSError):  # the run has to end even if nothing reads the message
             if is_terminal(self._stream):

@@ -54,7 +54,7 @@ def _values(recordings: Sequence[Recording], reading: Reading) -> list[str] | No
 
 
 def further_evidence_of(recordings: Sequence[Recording], reading: Reading) -> list[Evidence]:
-    """Return the same for recordings beside those that are meant: all of them."""
+    """Return the same for additional recordings: all in their files."""
     from servobench.recordings.evidence import Evidence
     from servobench.recordings.reading import further_evidence_in
 

@@ -53,7 +53,7 @@ def _recover_file(file: Path, to: Path | None, overwrite: bool) -> tuple[Path, t
     from servobench.recordings.native.recover import recover as recovered
 
     if not file.is_dir():
-        target = to or _beside(file)
+        target = to or _path_of_recovery(file)
         check_free(target, "--to", [file], overwrite)
         if not target.exists():
             return target, recovered(file, target)
@@ -70,7 +70,7 @@ def _recover_file(file: Path, to: Path | None, overwrite: bool) -> tuple[Path, t
     return folder.recording, (folder.make_whole(),)
 
 
-def _beside(file: Path) -> Path:
+def _path_of_recovery(file: Path) -> Path:
     """The name of the recovered file: `recording.mcap.part` becomes `recording-recovered.mcap`."""
     name = file.name.removesuffix(".part").removesuffix(".mcap")
     return file.with_name(f"{name}-recovered.mcap")

@@ -35,7 +35,7 @@ _VERDICTS = {
     Verdict.REFUSED: ("bold red", "these data can't support a model; see the lines marked with ✗"),
 }
 _TOLD = 0.1  # of the half-width: parts of a budget that are smaller are not worth a word
-_MOST = 5  # findings, unless all are asked for
+_MOST = 5  # findings, unless all are requested
 _MOST_ALIKE = 3  # findings of one kind; many files have the same ones
 
 
@@ -137,7 +137,7 @@ def _weightiest(groups: Sequence[tuple[Finding, ...]], most: int) -> Sequence[tu
 
 
 def show_dangers(console: Console, findings: Iterable[Finding]) -> None:
-    """Print first what a person beside the motor has to act on."""
+    """Print first what a person at the motor has to act on."""
     for finding in findings:
         if finding.severity is Severity.DANGER:
             console.print(Text(printable(finding.sentence), style="bold red"), soft_wrap=True)
@@ -166,10 +166,10 @@ def _row(name: str, estimate: Estimate, instead: str = "") -> tuple[str, ...]:
     """A name, a value with its interval and unit; or what is said `instead`, as digits that aren't known would be read."""
     from servobench.core.rounding import rounded_interval
 
-    told = rounded_interval(estimate.value, estimate.interval, estimate.unit)
-    if instead or not told.low:
-        return (name, "", "", _ascii_minus(instead or "not known"), "" if instead else told.unit)
-    return (name, *map(_ascii_minus, (told.value, told.half, f"{told.low} to {told.high}")), told.unit)
+    text = rounded_interval(estimate.value, estimate.interval, estimate.unit)
+    if instead or not text.low:
+        return (name, "", "", _ascii_minus(instead or "not known"), "" if instead else text.unit)
+    return (name, *map(_ascii_minus, (text.value, text.half, f"{text.low} to {text.high}")), text.unit)
 
 
 def _show_estimates(console: Console, what: str, rows: Sequence[tuple[str, ...]]) -> None:
@@ -189,11 +189,11 @@ def _budget(result: Result) -> list[str]:
         if parts:
             estimate = result.answers[name].estimate
             whole = 100 * estimate.half_width / abs(estimate.value)
-            told = ", ".join(
+            shares = ", ".join(
                 f"{plain(part, 2)} {line.source}" for part, line in parts if part > _TOLD * whole
             )
             lines.append(
-                f"of the ±{plain(whole, 2)} % of the {parameter_in_words(name, estimate.unit)}: {told}"
+                f"of the ±{plain(whole, 2)} % of the {parameter_in_words(name, estimate.unit)}: {shares}"
             )
     return lines
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from datetime import datetime
@@ -86,27 +86,28 @@ def run(
     The folder of a run holds experiment.toml, recording.mcap, data.csv, result.json and report.html.
     """
     from servobench.cli.conclusion import check_names, deliver
+    from servobench.cli.experiment_choice import choose_experiment, make_device
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.run_folder import run_folder
     from servobench.cli.terminal import messages, output
     from servobench.core.rounding import count_text
 
-    asked = experiment_asked_for(experiment, device, seed, until, fault or ())
-    held_against = nominal or asked.nominal or None
+    chosen = choose_experiment(experiment, device, seed, until, fault or ())
+    held_against = nominal or chosen.nominal or None
     check_names(structure, "auto", held_against)
     console = messages() if as_json else output()
     with run_folder(out, datetime.now(), overwrite) as folder:
         with Progress() as progress, announce_compiling(progress):
             recording = _carry_out(
-                asked, device_asked_for(asked, experiment), folder, console, progress, structure
+                chosen, make_device(chosen, experiment), folder, console, progress, structure
             )
             result = _identify_run(
-                recording, asked, structure, held_against or _own_data_sheet(recording), progress
+                recording, chosen, structure, held_against or _own_data_sheet(recording), progress
             )
         if recording.stopped.reason in ("device_lost", "error"):
             complain(recording.stopped.sentence)
         if result is not None:
-            recording, result = _note_missed_target(recording, asked, result)
+            recording, result = _note_missed_target(recording, chosen, result)
             folder.write_result(result.to_dict())
             deliver(
                 result,
@@ -121,70 +122,13 @@ def run(
     raise typer.Exit(_status(recording, result))
 
 
-def experiment_asked_for(
-    file: Path | None, device: str | None, seed: int | None, until: str | None, faults: Sequence[str] = ()
-) -> Experiment:
-    """The experiment with the command line's settings in place of the file's; faults are added to the file's."""
-    from servobench.cli.device_choice import device_choice
-    from servobench.identification.design.stopping_rule import parse_wish
-    from servobench.recordings.measurement.base import Chain
-    from servobench.rig.devices.faults.base import table_of
-    from servobench.rig.experiment import PAPER, load_experiment
-
-    asked = PAPER if file is None else load_experiment(file)
-    if device is not None:
-        where = (
-            'in the file of an experiment, with name = "{}" in [device] and the settings in [device.settings]'
-        )
-        asked = asked.model_copy(update={"device": device_choice(device, asked.device, where)})
-    if faults:
-        tables = (*asked.device.faults, *map(table_of, faults))
-        asked = asked.model_copy(update={"device": asked.device.model_copy(update={"faults": tables})})
-    if seed is not None:
-        asked = asked.model_copy(update={"seed": seed})
-    if until is not None:
-        parse_wish(until)  # an empty one is no wish, but a mistake
-        asked = asked.model_copy(update={"until": until})
-    if asked.until:
-        parse_wish(asked.until)
-    Chain.parse(asked.chain)  # a mistake in it should show before the motor turns
-    return asked
-
-
-def device_asked_for(asked: Experiment, file: Path | None) -> Device:
-    """The requested device, not yet connected; mistakes in its settings are reported with their lines in the file."""
-    from pydantic import ValidationError
-
-    from servobench.core.errors import UnknownName, UsageError
-    from servobench.rig.devices.base import DEVICES, missing_settings
-    from servobench.rig.devices.faults.base import fault_from
-    from servobench.rig.devices.faulty import Faulty
-    from servobench.rig.experiment import explain
-    from servobench.rig.motor.parameters import data_sheet
-
-    kind = DEVICES[asked.device.name]
-    held_against = asked.limits.plausibility.motor if asked.limits.plausibility else ""
-    part: tuple[str | int, ...] = ("limits", "plausibility", "motor")
-    try:
-        if held_against:
-            data_sheet(held_against)
-        part = ("device", "settings")
-        if missing := missing_settings(asked.device.name, asked.device.settings):
-            raise UsageError("; ".join(missing))
-        device = kind(kind.Settings.model_validate(asked.device.settings))
-        faults = []
-        for place, table in enumerate(asked.device.faults):
-            part = ("device", "faults", place)
-            faults.append(fault_from(table))
-    except (ValidationError, UsageError) as error:
-        text = file.read_text(encoding="utf-8-sig") if file else ""
-        part = (*part, "name") if isinstance(error, UnknownName) and "faults" in part else part
-        raise explain(error, text, str(file or asked.device.name), part) from None
-    return Faulty(device, faults) if faults else device
-
-
 def _carry_out(
-    asked: Experiment, device: Device, folder: RunFolder, console: Console, progress: Progress, structure: str
+    experiment: Experiment,
+    device: Device,
+    folder: RunFolder,
+    console: Console,
+    progress: Progress,
+    structure: str,
 ) -> Recording:
     """Run the experiment into the folder, and return what happened; the motor is at rest then, whatever that was."""
     from servobench.cli.result_text import show_findings
@@ -193,7 +137,7 @@ def _carry_out(
     from servobench.recordings.formats.base import save
     from servobench.rig.lost_device import DeviceLost, DeviceSilent
 
-    running = "running" if asked.duration else "running until Ctrl-C"
+    running = "running" if experiment.duration else "running until Ctrl-C"
 
     def watch(place: Place) -> None:
         if place.ticks and place.tick + 1 >= place.ticks:
@@ -201,19 +145,21 @@ def _carry_out(
             return
         if progress.what != running:
             progress.begin(running)
-        if place.ticks and asked.duration is not None:
+        if place.ticks and experiment.duration is not None:
             # In real time the time that is left is the run's own; a simulation has its own pace.
-            left = None if device.info.timing == "virtual" else asked.duration - place.time
+            left = None if device.info.timing == "virtual" else experiment.duration - place.time
             progress.advance(place.tick / place.ticks, left)
 
-    look = StoppingRule(parse_wish(asked.until), asked.chain, structure) if asked.until else None
+    look = (
+        StoppingRule(parse_wish(experiment.until), experiment.chain, structure) if experiment.until else None
+    )
     with terminate_like_ctrl_c(), _connect(device):
-        say(console, _experiment_summary(asked, device))
-        show_findings(console, asked.findings())
-        folder.begin(asked.to_toml())
+        say(console, _experiment_summary(experiment, device))
+        show_findings(console, experiment.findings())
+        folder.begin(experiment.to_toml())
         progress.begin("getting ready")
         try:
-            recording = _drive(asked, device, folder.recording, watch, look, progress)
+            recording = _drive(experiment, device, folder.recording, watch, look, progress)
         except DeviceSilent as error:
             kept = f"the recording up to then is kept: servobench recover {folder.path}"
             raise DeviceSilent(f"{error}; {kept}", error.recording) from None
@@ -233,7 +179,7 @@ def _connect(device: Device) -> AbstractContextManager[object]:
 
 
 def _drive(
-    asked: Experiment,
+    experiment: Experiment,
     device: Device,
     to: Path,
     watch: Callable[[Place], None],
@@ -244,13 +190,15 @@ def _drive(
     if device.info.timing == "virtual":
         from servobench.rig.loop.run import run as carry_out
 
-        return carry_out(asked, device, to=to, watch=watch, look=look)
+        return carry_out(experiment, device, to=to, watch=watch, look=look)
     from servobench.rig.loop.live import run_live
 
     def over(sentence: str) -> None:
         progress.note(f"{sentence}; saving and identifying the recording ...")
 
-    return run_live(asked, to=to, watch=watch, look=look, say=progress.begin, over=over, alarm=progress.alarm)
+    return run_live(
+        experiment, to=to, watch=watch, look=look, say=progress.begin, over=over, alarm=progress.alarm
+    )
 
 
 def warn_of_danger(recording: Recording, progress: Progress) -> None:
@@ -289,15 +237,17 @@ def terminate_like_ctrl_c() -> Iterator[None]:
 
 
 def _identify_run(
-    recording: Recording, asked: Experiment, structure: str, nominal: str | None, progress: Progress
+    recording: Recording, experiment: Experiment, structure: str, nominal: str | None, progress: Progress
 ) -> Result | None:
-    """The result; None where a run that was cut short left nothing that can be looked at."""
+    """The result; None where a run that was cut short left nothing that can be examined."""
     from servobench.cli.conclusion import conclude
     from servobench.core.errors import UsageError
     from servobench.recordings.evidence import Evidence
 
     try:
-        return conclude([Evidence(recording, asked.chain)], progress, structure=structure, nominal=nominal)
+        return conclude(
+            [Evidence(recording, experiment.chain)], progress, structure=structure, nominal=nominal
+        )
     except UsageError as error:
         if recording.stopped.reason not in CUT_SHORT:
             raise
@@ -305,20 +255,22 @@ def _identify_run(
         return None
 
 
-def _note_missed_target(recording: Recording, asked: Experiment, result: Result) -> tuple[Recording, Result]:
+def _note_missed_target(
+    recording: Recording, experiment: Experiment, result: Result
+) -> tuple[Recording, Result]:
     """The recording and its result; if the target interval wasn't reached, both say so."""
     from servobench.core.finding import info
     from servobench.identification.design.stopping_rule import StoppingRule, parse_wish
 
-    rule = StoppingRule(parse_wish(asked.until)) if asked.until else None
+    rule = StoppingRule(parse_wish(experiment.until)) if experiment.until else None
     if rule is None or rule.is_met(result):
         return recording, result
-    unmet = f"the target interval ({asked.until}) was not reached: {rule.progress_text(result)}"
+    unmet = f"the target interval ({experiment.until}) was not reached: {rule.progress_text(result)}"
     stopped = replace(recording.stopped, sentence=f"{recording.stopped.sentence}; {unmet}")
-    told = info(
+    finding = info(
         "wish-not-reached", f"{unmet[0].upper()}{unmet[1:]}. Record for longer, or choose a wider target."
     )
-    return replace(recording, stopped=stopped), replace(result, findings=(*result.findings, told))
+    return replace(recording, stopped=stopped), replace(result, findings=(*result.findings, finding))
 
 
 def _own_data_sheet(recording: Recording) -> str | None:
@@ -329,16 +281,16 @@ def _own_data_sheet(recording: Recording) -> str | None:
     return named if named in DATA_SHEETS else None
 
 
-def _experiment_summary(asked: Experiment, device: Device) -> str:
+def _experiment_summary(experiment: Experiment, device: Device) -> str:
     from servobench.rig.loop.blocks.block_pass import FEWEST_TICKS, tick_by_tick_reason
     from servobench.systems.signals.base import SIGNALS
 
-    length = "endless" if asked.duration is None else f"{asked.duration:g} s"
-    name = f"{asked.name}: " if asked.name else ""
-    worth_telling = device.info.timing == "virtual" and (asked.samples or FEWEST_TICKS) >= FEWEST_TICKS
-    reason = tick_by_tick_reason(device, asked.controller) if worth_telling else ""
+    length = "endless" if experiment.duration is None else f"{experiment.duration:g} s"
+    name = f"{experiment.name}: " if experiment.name else ""
+    worth_telling = device.info.timing == "virtual" and (experiment.samples or FEWEST_TICKS) >= FEWEST_TICKS
+    reason = tick_by_tick_reason(device, experiment.controller) if worth_telling else ""
     return (
-        f"{name}{SIGNALS.name_of(asked.signal)}, {length} at {asked.sample_rate:g} Hz, on {asked.device.name}"
+        f"{name}{SIGNALS.name_of(experiment.signal)}, {length} at {experiment.sample_rate:g} Hz, on {experiment.device.name}"
         f"{reason and f'; tick by tick: {reason}'}"
     )
 

@@ -25,7 +25,7 @@ _MAGIC = b"\x89MCAP0\r\n"
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The five files of a run in the folder `path`: what was asked for, what happened (as a table, too), answer and report."""
+    """The five files of a run in the folder `path`: what was requested, what happened (as a table, too), answer and report."""
 
     path: Path
 

@@ -83,7 +83,7 @@ def stability(
 
     out = messages() if as_json else output()
     document: dict[str, Any] = {"schema": SCHEMA, "records": [], "over_intervals": []}
-    asked = _ticks_asked_for(controller_sample_time, continuous)
+    requested_ticks = _ticks_of(controller_sample_time, continuous)
     fit, gain_unit = None, ""
     if is_result(motor):
         refuse_reading(motor, reading, starts_at_rest)
@@ -92,7 +92,7 @@ def stability(
         result, document["records"] = _result_and_records(out, motor, reading, starts_at_rest, kp)
         answer, fit = ResultSummary.of(result), result.fit
         gain_unit = _gain_unit(result.data[0])
-    ticks = None if continuous else asked or answer.sample_time
+    ticks = None if continuous else requested_ticks or answer.sample_time
     _check_ticks(answer, ticks)
     document |= _of_an_answer(out, answer, kp, ticks, continuous)
     if fit is not None:
@@ -102,8 +102,8 @@ def stability(
     raise typer.Exit(DONE)
 
 
-def _ticks_asked_for(text: str | None, continuous: bool) -> float | None:
-    """The sample time of the loop [s] where one is asked for; raises `UsageError` where it can't be one."""
+def _ticks_of(text: str | None, continuous: bool) -> float | None:
+    """The sample time of the loop [s] where one is requested; raises `UsageError` where it can't be one."""
     from servobench.core.errors import UnitError, UsageError
     from servobench.recordings.formats.timing import seconds
 
@@ -164,13 +164,13 @@ def _result_and_records(
         evidence = evidence_of(load_all([path], progress), reading)
     records = [each.dataset(starts_at_rest) for each in evidence]
     _gain(kp, _gain_unit(records[0]))  # a mistake in it is reported before any work is done
-    told = []
+    lines = []
     for data in records:
         found = bibo(data)
         _say(out, f"The record {data.name}", found.sentences)
-        told.append(of_a_record(data, found))
+        lines.append(of_a_record(data, found))
     with Progress() as progress, announce_compiling(progress):
-        return conclude(evidence, progress, starts_at_rest=starts_at_rest), told
+        return conclude(evidence, progress, starts_at_rest=starts_at_rest), lines
 
 
 def _of_an_answer(
@@ -178,7 +178,7 @@ def _of_an_answer(
 ) -> dict[str, Any]:
     """Print what a result lets be said, and return it as plain data.
 
-    The loop runs every `sample_time` [s]; where that is None it is judged without ticks, because that is asked for
+    The loop runs every `sample_time` [s]; where that is None it is judged without ticks, because that is requested
     (`continuous`) or the result doesn't state any. Raises `NotIdentifiable` where it doesn't know the motor's parameters.
     """
     from servobench.core.errors import NotIdentifiable

@@ -63,25 +63,25 @@ def of_a_loop(gain: float, unit: str, loop: ProportionalLoop, sentences: Sequenc
 
 
 def _margins(found: Margins, delay: float | None) -> dict[str, Any]:
-    told = {
+    margins = {
         "gain_margin": (found.gain_margin, "1"),
         "phase_margin": (found.phase_margin, "rad"),
         "delay_margin": (delay, "s"),
         "gain_crossover": (found.gain_crossover, "rad/s"),
         "phase_crossover": (found.phase_crossover, "rad/s"),
     }
-    return {name: {"value": value, "unit": unit} for name, (value, unit) in told.items()}
+    return {name: {"value": value, "unit": unit} for name, (value, unit) in margins.items()}
 
 
-def of_a_record(data: Dataset, said: RecordReport) -> dict[str, Any]:
+def of_a_record(data: Dataset, report: RecordReport) -> dict[str, Any]:
     """Return what a record says, each quantity with its unit."""
     return {
         "source": data.name,
         "duration": data.duration,
-        "input_bound": {"value": said.input_bound, "unit": data.input_unit},
-        "output_range": {"interval": list(said.output_range), "unit": data.output_unit},
-        "stretches": [_stretch(data, each) for each in said.stretches],
-        "sentences": list(said.sentences),
+        "input_bound": {"value": report.input_bound, "unit": data.input_unit},
+        "output_range": {"interval": list(report.output_range), "unit": data.output_unit},
+        "stretches": [_stretch(data, each) for each in report.stretches],
+        "sentences": list(report.sentences),
     }
 
 

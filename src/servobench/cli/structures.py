@@ -29,5 +29,5 @@ def structures(name: MemberName = None, as_json: AsJson = False) -> None:
         )
         for each in known
     ]
-    families = [Member(name=form, sentence=told) for form, told in STRUCTURES.families().items()]
+    families = [Member(name=form, sentence=sentence) for form, sentence in STRUCTURES.families().items()]
     list_members("model structure", [*members, *families], name, as_json)

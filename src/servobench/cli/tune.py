@@ -218,7 +218,7 @@ def _show(console: Console, made: TuningResult) -> None:
 
 
 def _wish_rows(made: TuningResult) -> list[tuple[str, str, str, str]]:
-    """The wish beside what the loop has, in its own words and as poles."""
+    """The specification next to the loop's properties, in the same words and as poles."""
     rows = [
         (name, f"{wished:.4g}", f"{obtained:.4g}", unit)
         for name, (wished, obtained, unit) in made.quantities.items()
@@ -231,9 +231,9 @@ def _pole(at: complex) -> str:
     return f"{at.real:.4g}{at.imag:+.4g}j" if at.imag else f"{at.real:.4g}"
 
 
-def _rows(told: Mapping[str, LoopValue]) -> list[tuple[str, str, str, str]]:
+def _rows(quantities: Mapping[str, LoopValue]) -> list[tuple[str, str, str, str]]:
     rows = []
-    for name, each in told.items():
+    for name, each in quantities.items():
         if name == "gain_margin_downwards" and math.isinf(min(each.value, each.interval[0])):
             continue  # less gain makes most loops slower, and none of them unstable
         factor, unit = {"rad": (180 / math.pi, "deg"), "1": (1.0, "")}.get(each.unit, (1.0, each.unit))

@@ -122,8 +122,8 @@ def _show_causes(console: Console, explanation: Explanation) -> None:
     rows = []
     for each in [cause for cause in explanation.causes if cause.possible][:_MOST_CAUSES]:
         parts = {share.name: share for share in each.explains}
-        told = [_share(parts.get(difference.name)) for difference in explanation.differences]
-        rows.append((each.label, _percent(each.probability), *told, _size_needed(each)))
+        texts = [_share(parts.get(difference.name)) for difference in explanation.differences]
+        rows.append((each.label, _percent(each.probability), *texts, _size_needed(each)))
     show_table(console, headings, rows, right=headings[1:-1])
     console.print()
 

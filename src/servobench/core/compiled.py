@@ -76,7 +76,7 @@ def _compile(function: F, **options: Any) -> F:
     dispatcher = numba.njit(nogil=True, error_model="numpy", **options)(function)
     try:
         cast(Any, dispatcher)._cache = _Cache(function)
-    except (RuntimeError, OSError):  # no folder that can be written to, or one that can't be looked at
+    except (RuntimeError, OSError):  # no folder that can be written to, or one that can't be examined
         _warn("compiled code can't be kept, as neither the package nor the home folder can be written to")
     return cast(F, dispatcher)
 

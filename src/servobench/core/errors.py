@@ -9,7 +9,7 @@ The tree::
     │   ├── ExperimentError                  an experiment file with mistakes, all of them at once
     │   ├── FormatError                      a file that isn't what it should be
     │   └── MissingInformation               a file that doesn't say enough; says what to add
-    ├── NotIdentifiable (ValueError)     3   the data can't support the model that was asked for
+    ├── NotIdentifiable (ValueError)     3   the data can't support the model that was requested
     ├── SimulationDiverged (ArithmeticError) 2   a solver's step is too long for the motor
     ├── DeviceError (OSError)            4   the device failed
     │   └── DeviceLost                       in the middle of a run; carries the recording so far (`rig.lost_device`)
@@ -73,7 +73,7 @@ class MissingInformation(UsageError):
 
 
 class NotIdentifiable(ServobenchError, ValueError):
-    """The data can't support what was asked for; the message says which and what to measure instead."""
+    """The data can't support what was requested; the message says which and what to measure instead."""
 
     exit_status = 3
 

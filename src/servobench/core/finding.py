@@ -65,7 +65,7 @@ def refusal(
 
 
 def danger(code: str, sentence: str) -> Finding:
-    """Return a finding that the motor may still be driven: told before anything else, and it makes a result doubtful."""
+    """Return a finding that the motor may still be driven: reported before anything else, and it makes a result doubtful."""
     return Finding(code=code, severity=Severity.DANGER, sentence=sentence)
 
 

@@ -73,7 +73,7 @@ def parameter_in_words(name: str, symbol: str = "V") -> str:
     """Return a parameter's name as people write it: `time constant`, `Coulomb voltage`.
 
     `symbol` is the parameter's unit or the input's: a friction in `%` is a `Coulomb duty`, one in `A` a `Coulomb current`, one in
-    a unit of another kind a `Coulomb input`. A name without a row, a plug-in's, is taken for its words.
+    a unit of another kind a `Coulomb input`. A name without a row, a plug-in's, counts as its words.
     """
     row, index = _row(name)
     if row is None:

@@ -21,7 +21,7 @@ class Registry(Generic[T]):
     """The members of one kind by name.
 
     `kind` is the singular noun that error messages use; `package` is the folder. Its modules are imported when a member is
-    first asked for, so that defining a kind costs nothing at start-up. Members of other packages come from the
+    first requested, so that defining a kind costs nothing at start-up. Members of other packages come from the
     entry-point `group`, which is named like the folder unless it says otherwise: a folder may move, a group may not.
     """
 
@@ -102,8 +102,8 @@ class Registry(Generic[T]):
         home = _home(found)
         alone = [_home(each) for each in self].count(home) == 1
         own = found if isinstance(found, type | FunctionType) else type(found)
-        said = (sys.modules[home].__doc__ if alone else None) or own.__doc__ or ""
-        return (said.strip().splitlines() or [""])[0]
+        docstring = (sys.modules[home].__doc__ if alone else None) or own.__doc__ or ""
+        return (docstring.strip().splitlines() or [""])[0]
 
     def __repr__(self) -> str:
         """The members, a line for each: what it is."""

@@ -99,28 +99,28 @@ def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> 
     """
     low, high = interval
     half = 0.5 * (high - low)
-    told = round_value(value, half, unit)
-    if not told.half or half <= 0:
-        return told
+    rounded = round_value(value, half, unit)
+    if not rounded.half or half <= 0:
+        return rounded
     factor, scaled = handy_unit(unit, max(abs(value), half))
     decimals = min(
         1 - _exponent(half / factor, 2), _MOST_DIGITS - _exponent(max(abs(value), half) / factor, 2)
     )
-    told = replace(
-        told,
+    rounded = replace(
+        rounded,
         low=_fixed_point(low / factor, decimals),
         high=_fixed_point(high / factor, decimals),
         unit=scaled,
     )
     if abs(value - 0.5 * (low + high)) <= _UNEVEN * half:
-        return told
+        return rounded
     enough = max(decimals, 1 - _exponent(value / factor, 2)) if value else decimals
     # An end that is rounded past the value would leave it out.
     ends = [
         _fixed_point(end, enough if (round(end, decimals) - value / factor) * side < 0 else decimals)
         for end, side in ((low / factor, -1.0), (high / factor, 1.0))
     ]
-    return replace(told, value=_fixed_point(value / factor, enough), half="", low=ends[0], high=ends[1])
+    return replace(rounded, value=_fixed_point(value / factor, enough), half="", low=ends[0], high=ends[1])
 
 
 def as_known(value: float, half: float) -> float:

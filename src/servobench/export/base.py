@@ -102,11 +102,11 @@ def write_files(content: Mapping[str, bytes], file: Path) -> tuple[Path, ...]:
 
 
 def _check_wishes(name: str, target: Target, wishes: Wishes) -> None:
-    said = {field.name for field in fields(wishes) if getattr(wishes, field.name) is not None}
-    if extra := sorted(said - target.wishes):
+    wished = {field.name for field in fields(wishes) if getattr(wishes, field.name) is not None}
+    if extra := sorted(wished - target.wishes):
         can = ", ".join(sorted(keyword(each) for each in target.wishes)) or "none"
         raise UsageError(f"{name} doesn't use {', '.join(keyword(each) for each in extra)}; it uses: {can}")
-    for each in said - {"unit"}:
+    for each in wished - {"unit"}:
         value = getattr(wishes, each)
         if not 0.0 < value < float("inf"):
             raise UsageError(f"{keyword(each)} is {value!r}; expected a positive number")

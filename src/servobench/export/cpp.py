@@ -37,7 +37,8 @@ class Cpp:
             stem=stem,
             constants="\n".join(
                 constant_lines(
-                    constants, lambda name, number, said: f"constexpr double {name} = {number}; // {said}"
+                    constants,
+                    lambda name, number, comment: f"constexpr double {name} = {number}; // {comment}",
                 )
             ),
             feedback=feedback_text(constants),

@@ -46,7 +46,9 @@ class Java:
             constants="\n".join(
                 constant_lines(
                     constants,
-                    lambda name, number, said: f"    public static final double {name} = {number}; // {said}",
+                    lambda name, number, comment: (
+                        f"    public static final double {name} = {number}; // {comment}"
+                    ),
                 )
             ),
             feedback=feedback_text(constants),

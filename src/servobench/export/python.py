@@ -25,7 +25,7 @@ class Python:
         lines = [
             *(f"# {line}" for line in header_lines(constants)),
             "",
-            *constant_lines(constants, lambda name, number, said: f"{name} = {number}  # {said}"),
+            *constant_lines(constants, lambda name, number, comment: f"{name} = {number}  # {comment}"),
             f"# {feedback_text(constants)}",
         ]
         return {f"{stem}.py": ("\n".join(lines) + "\n").encode()}

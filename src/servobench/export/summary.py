@@ -172,10 +172,10 @@ class ResultSummary:
     @property
     def user_unit(self) -> tuple[str, float] | None:
         """The unit of position in the files that the data came from, and how many of it one of `units` is; None if not stated."""
-        told = [each.get("user_unit") for each in self.document.get("records", [])]
-        if not told or any(not isinstance(each, dict) or each != told[0] for each in told):
+        user_units = [each.get("user_unit") for each in self.document.get("records", [])]
+        if not user_units or any(not isinstance(each, dict) or each != user_units[0] for each in user_units):
             return None
-        symbol, factor = told[0].get("name"), told[0].get("factor")
+        symbol, factor = user_units[0].get("name"), user_units[0].get("factor")
         if (
             not isinstance(symbol, str)
             or not isinstance(factor, int | float)
@@ -234,8 +234,8 @@ def _comment(document: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _reasons(document: Mapping[str, Any]) -> str:
-    told = [f["sentence"] for f in document.get("findings", []) if f.get("severity") == "refusal"]
-    return _one_line(" ".join(told)) or "It has no model."
+    refusals = [f["sentence"] for f in document.get("findings", []) if f.get("severity") == "refusal"]
+    return _one_line(" ".join(refusals)) or "It has no model."
 
 
 def _one_line(text: str) -> str:

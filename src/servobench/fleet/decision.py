@@ -1,4 +1,4 @@
-"""Pass, fail or undecided: a value with its interval held against limits, and the risks of saying so.
+"""Pass, fail or undecided: a value with its interval compared with limits, and the risks of saying so.
 
 Sources: JCGM 106:2012, *The role of measurement uncertainty in conformity assessment*, clauses 7 (conformance probability), 8
 (guard bands) and 9 (risks); ISO 14253-1:2017; ILAC-G8:09/2019.

@@ -279,7 +279,7 @@ def _odd(fleet: Fleet, number: int) -> set[str]:
 
 
 def _middle(fleet: Fleet) -> Mapping[str, float]:
-    """The fleet's typical gain and time constant, which an odd motor is held against."""
+    """The fleet's typical gain and time constant, which an odd motor is compared with."""
     return {
         each.name: float(np.nanmedian(each.value))
         for each in fleet.parameters

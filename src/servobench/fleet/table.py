@@ -1,4 +1,4 @@
-"""All motors in one table: what is looked at together, and the files that pandas, DuckDB and a spreadsheet open."""
+"""All motors in one table: what is examined together, and the files that pandas, DuckDB and a spreadsheet open."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from servobench.fleet.row import IDENTIFIED, Row
 
 _Stated: TypeAlias = tuple[float, float, float, str]  # a value, its interval's ends, and their unit
 _SAME_LEVEL = 0.05  # of the input: what a level differs by from motor to motor
-_OFTEN = 0.5  # of the motors with a result: a parameter that is known of fewer isn't looked at
+_OFTEN = 0.5  # of the motors with a result: a parameter that is known of fewer isn't examined
 _TOO_LONG = {"sentences", "budget"}  # for a cell of a spreadsheet
 _ADDED_TEXTS = ("decision", "decided_by", "rule")
 _ADDED = (*_ADDED_TEXTS, "consumer_risk", "producer_risk", "distance", "outlier")

@@ -263,7 +263,7 @@ def _judge(
     validate_on: Sequence[Dataset],
     known: Mapping[str, float | tuple[float, float]] | None,
 ) -> _Judgement:
-    """Fit what was asked for, or what the data need, and weigh what came out."""
+    """Fit what was requested, or what the data need, and weigh what came out."""
     method = ESTIMATORS["output_error" if estimator == "auto" else estimator]
     allow = allow_for_disturbance if estimator == "auto" else as_it_is
     choice = choose_structure(method, records, structure, estimator, allow)
@@ -351,7 +351,7 @@ def _check_together(records: Sequence[Dataset]) -> None:
 def _compare(
     fit: Fit, nominal: str | MotorParameters | None, answers: Mapping[str, ParameterStatus]
 ) -> tuple[Comparison, ...]:
-    """The estimates that are known beside the nominal values, for data in volts and radians."""
+    """The known estimates compared with the nominal values, for data in volts and radians."""
     motor = nominal_motor(nominal)
     if motor is None:
         return ()

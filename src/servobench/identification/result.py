@@ -93,7 +93,7 @@ class Provenance:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """One parameter held against its nominal value: the difference in standard deviations is `z`."""
+    """One parameter compared with its nominal value: the difference in standard deviations is `z`."""
 
     name: str
     """The parameter."""
@@ -134,7 +134,7 @@ class Result:
     operating_range: OperatingRange
     """The range of the data."""
     nominal: tuple[Comparison, ...]
-    """The parameters held against a data sheet; empty where none was named."""
+    """The parameters compared with a data sheet; empty where none was named."""
     provenance: Provenance
     motor_parameters: Mapping[str, Estimate] = field(default_factory=dict)
     answers: Mapping[str, ParameterStatus] = field(default_factory=dict)

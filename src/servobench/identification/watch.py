@@ -197,7 +197,7 @@ class Watch:
         if part.link == "restart":
             self._finish(Stopped(reason="finished", sentence="the clock of the stream began again"))
         elif self._evidence is not None and (paused := self._pause(part)) > self._longest_pause(part):
-            # What drove the motor meanwhile nobody knows, and no model bridges that.
+            # The input in between is unknown, and no model bridges that.
             self._finish(Stopped(reason="finished", sentence=f"no rows came for {paused:.3g} s"))
         if self._evidence is None:
             self._begin(part)
@@ -285,7 +285,7 @@ class Watch:
         output, input_ = _role(part.recording, "output"), _role(part.recording, "input")
         factor = unit(input_.channel.unit or "").factor
         if part.link == "gap" and input_.values[0] != self._input:
-            # What the input was meanwhile nobody knows.
+            # The input in between is unknown.
             live.start_again(None if self._input is None else factor * self._input)
         u = factor * input_.values
         y = self._travel.take(output.values) * _factor(output)

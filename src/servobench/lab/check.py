@@ -41,7 +41,7 @@ _FACTORS: tuple[tuple[float, str], ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedAnswer:
-    """Whether an answer is right, and the sentence for who gave it."""
+    """Whether an answer is right, and the sentence for the student."""
 
     right: bool
     sentence: str
@@ -87,10 +87,10 @@ def check_blank(blank: Blank, text: str, facts: Mapping[str, Fact]) -> CheckedAn
         )
     if abs(given - known.value) <= allowed:
         return CheckedAnswer(right=True, sentence=_praise(blank, known, allowed))
-    said = _explain_mistake(blank, given, facts)
-    if not said:
-        said = " ".join(filter(None, [_difference(blank, given, known.value, allowed), blank.hint]))
-    return CheckedAnswer(right=False, sentence=said)
+    sentence = _explain_mistake(blank, given, facts)
+    if not sentence:
+        sentence = " ".join(filter(None, [_difference(blank, given, known.value, allowed), blank.hint]))
+    return CheckedAnswer(right=False, sentence=sentence)
 
 
 def right_answer(blank: Blank, facts: Mapping[str, Fact]) -> str:

@@ -80,11 +80,11 @@ def _output(title: str, data: Dataset) -> Panel:
 
 
 def _in_words(position: Dataset, shown: Dataset) -> str:
-    told = [
+    texts = [
         f"the {what} is between {with_unit(float(y.min()), unit, 3)} and {with_unit(float(y.max()), unit, 3)}"
         for what, y, unit in (
             ("voltage", position.u, position.input_unit),
             *((data.kind, data.y, data.output_unit) for data in dict.fromkeys((shown, position))),
         )
     ]
-    return f"Over {with_unit(position.duration, 's', 3)} {', '.join(told)}."
+    return f"Over {with_unit(position.duration, 's', 3)} {', '.join(texts)}."

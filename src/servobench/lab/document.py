@@ -37,15 +37,15 @@ def _exercise(worked: WorkedExercise, *, solution: bool) -> dict[str, Any]:
 
 def _blank(worked: WorkedExercise, number: int, *, solution: bool) -> dict[str, Any]:
     blank = worked.exercise.blanks[number]
-    said = worked.checked.get(blank.id)
+    checked = worked.checked.get(blank.id)
     return {
         "id": blank.id,
         "label": blank.label,
         "unit": blank.unit,
         "right_answer": (worked.answers[number].text or None) if solution else None,
         "given": worked.given.get(blank.id),
-        "right": None if said is None else said.right,
-        "sentence": None if said is None else said.sentence,
+        "right": None if checked is None else checked.right,
+        "sentence": None if checked is None else checked.sentence,
     }
 
 

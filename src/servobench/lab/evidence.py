@@ -38,7 +38,7 @@ class Evidence(Mapping[str, Fact]):
     """The facts of one experiment by name, computed on first use: an encoder's counts need no run of the motor.
 
     `info` describes the device that the experiment is for, `record` returns its recording.
-    Raises `NotIdentifiable` where an identified fact is asked for that the recording can't tell.
+    Raises `NotIdentifiable` where an identified fact is requested that the recording can't tell.
     """
 
     experiment: Experiment
@@ -80,8 +80,8 @@ class Evidence(Mapping[str, Fact]):
             "counter_bits": counts.counter_bits if counts else None,
             "voltage_limit": voltage.maximum if voltage else None,
         }
-        told = {name: Fact(value=float(value)) for name, value in values.items() if value is not None}
-        return {**told, **self._sheet()}
+        stated = {name: Fact(value=float(value)) for name, value in values.items() if value is not None}
+        return {**stated, **self._sheet()}
 
     def _sheet(self) -> dict[str, Fact]:
         """The data sheet's facts on the motor and its amplifier, and gain, time constant and delay that follow."""

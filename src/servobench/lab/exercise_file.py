@@ -122,10 +122,10 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     lines = lines_of_keys(front)
     _check_keys(tables, lines, source)
     own = {key: tables.pop(key) for key in _OWN if key in tables}
-    told = _front(own, front, source)
-    _check_studies(told.studies, body, first, lines, source)
+    matter = _front(own, front, source)
+    _check_studies(matter.studies, body, first, lines, source)
     check_formulas(body, first, source)
-    _check_paper(told.paper, body, lines, source)
+    _check_paper(matter.paper, body, lines, source)
     experiment = experiment_of(tables, front, source)
     _check_named(experiment, lines, source)
     if experiment.duration is None or experiment.duration > _LONGEST:
@@ -135,20 +135,20 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
         )
     found = Exercise(
         name=name,
-        title=told.title,
-        sentence=told.sentence,
-        order=told.order,
+        title=matter.title,
+        sentence=matter.sentence,
+        order=matter.order,
         text=body,
         experiment=experiment,
-        blanks=told.blanks,
-        studies=told.studies,
-        corrections=told.corrections,
-        paper=told.paper,
+        blanks=matter.blanks,
+        studies=matter.studies,
+        corrections=matter.corrections,
+        paper=matter.paper,
         source=source,
-        lines=tuple(line_of(("blanks", number), lines) or 1 for number in range(len(told.blanks))),
-        study_lines={study: line_of(("studies", study), lines) or 1 for study in told.studies},
+        lines=tuple(line_of(("blanks", number), lines) or 1 for number in range(len(matter.blanks))),
+        study_lines={study: line_of(("studies", study), lines) or 1 for study in matter.studies},
         correction_lines=tuple(
-            line_of(("corrections", number), lines) or 1 for number in range(len(told.corrections))
+            line_of(("corrections", number), lines) or 1 for number in range(len(matter.corrections))
         ),
     )
     check_blanks(found)

@@ -52,7 +52,7 @@ class Expression:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The facts that are asked for, sorted."""
+        """The facts that are requested, sorted."""
         nodes = ast.walk(self._tree())
         called = {*_CONSTANTS, *_FUNCTIONS}
         return tuple(sorted({node.id for node in nodes if isinstance(node, ast.Name)} - called))
@@ -98,8 +98,8 @@ class Expression:
 
 
 def _with(values: Mapping[str, float]) -> str:
-    told = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
-    return f" with {told}" if told else ""
+    values_text = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+    return f" with {values_text}" if values_text else ""
 
 
 def _why(error: ArithmeticError | ValueError) -> str:

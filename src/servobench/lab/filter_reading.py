@@ -1,6 +1,6 @@
 """The effect of noise and lag on a time constant read off a speed at 63.2 %, and the best cut-off.
 
-What is averaged over, and why nothing is drawn at random, is told in docs/decisions/0025-filters.md.
+What is averaged over, and why nothing is drawn at random, is explained in docs/decisions/0025-filters.md.
 """
 
 from __future__ import annotations

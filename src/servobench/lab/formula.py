@@ -270,7 +270,7 @@ def _take_numerator(parts: list[_Part]) -> list[_Part]:
 
 
 def _join(parts: list[_Part]) -> str:
-    """Parts beside each other; what multiplies and what a function takes is said to who hears the formula."""
+    """Parts side by side; what multiplies and what a function takes is said to who hears the formula."""
     texts: list[str] = []
     for before, part in zip([None, *parts], parts, strict=False):
         if (

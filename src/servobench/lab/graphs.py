@@ -92,7 +92,7 @@ def _figure(graphs: Sequence[Graph], style: Style) -> Figure:
 def over_time(
     name: str, title: str, caption: str, description: str, courses: Sequence[Course]
 ) -> Illustration:
-    """Return a figure of one course or several beside each other; `description` says in words what is seen."""
+    """Return a figure of one course or several side by side; `description` says in words what is seen."""
     return Illustration(
         name=name,
         title=title,

@@ -1,6 +1,6 @@
 """The shaft's motion in a recording: voltage and angle over time, the changes of the voltage, and the speed.
 
-At the levels of a staircase the current is looked at, too.
+At the levels of a staircase the current is examined, too.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from servobench.report.tables import capital
 
 INDEX, PAPERS = "index.html", "paper.html"
 _MOST_BESIDE = 7  # columns that the width of the text has room for
-_WIDEST = 62  # characters beside each other that it has room for, with the gaps between the columns
+_WIDEST = 62  # characters side by side that it has room for, with the gaps between the columns
 _GAP = 2  # characters between two columns
 
 
@@ -223,9 +223,9 @@ def _blocks(worked: WorkedExercise) -> tuple[Block, ...]:
 
 
 def _is_broad(columns: Sequence[TextColumn]) -> bool:
-    beside = [column for column in columns if column.kind != "off"]
-    width = sum(_least_width(column) + _GAP for column in beside)
-    return len(beside) > _MOST_BESIDE or width > _WIDEST
+    columns_shown = [column for column in columns if column.kind != "off"]
+    width = sum(_least_width(column) + _GAP for column in columns_shown)
+    return len(columns_shown) > _MOST_BESIDE or width > _WIDEST
 
 
 def _least_width(column: TextColumn) -> int:

@@ -2,7 +2,7 @@
 
 Names are checked of all rules, but for what a study finds (`NAME_...`), which only its run tells. The unit of a blank is held
 against the dimension of its answer where that follows from the facts: a number such as 10 in it may be 10 V, and then nothing
-follows. 1, 1000, a million and a billion are taken for changes of prefix; where there is no number at all, the unit can have no
+follows. 1, 1000, a million and a billion count as changes of prefix; where there is no number at all, the unit can have no
 prefix. Angles, counts and per cent count as plain numbers. The unit of a correction is checked likewise.
 """
 
@@ -138,16 +138,16 @@ def _check_unit(place: str, answer: str, unit: str, of: str) -> None:
     powers = _powers(tree)
     if powers is None:
         return
-    asked = unit_named(unit or "1")
-    if powers != _mechanical(asked):
+    own = unit_named(unit or "1")
+    if powers != _mechanical(own):
         raise UsageError(
             f"{place}: `{answer}` comes out in {_unit_text(powers)}, apart from a prefix or an angle, and the unit of "
             f"{of} is {unit or 'none'!r}; correct one of them"
         )
-    if powers != _NUMBER and asked.factor != 1.0 and not _has_numbers(tree) and not _counts(tree):
+    if powers != _NUMBER and own.factor != 1.0 and not _has_numbers(tree) and not _counts(tree):
         raise UsageError(
             f"{place}: `{answer}` comes out in {_unit_text(powers)}, as facts are in SI units, and the unit of {of} is "
-            f"{unit!r}; multiply by {1 / asked.factor:.6g}, or use the SI unit"
+            f"{unit!r}; multiply by {1 / own.factor:.6g}, or use the SI unit"
         )
 
 
@@ -170,8 +170,8 @@ def _unit_text(powers: _Powers) -> str:
     if si == "1":
         return "no unit"
     # As the list of facts has it, rather than in base units: rad/(s·V) for kg^-1·m^-2·s^2·A.
-    told = (unit for unit in units_of_facts().values() if _mechanical(unit_named(unit)) == powers)
-    return next(told, si) if "·" in si else si
+    names = (unit for unit in units_of_facts().values() if _mechanical(unit_named(unit)) == powers)
+    return next(names, si) if "·" in si else si
 
 
 def _has_numbers(node: ast.expr) -> bool:

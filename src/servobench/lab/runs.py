@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from servobench.rig.devices.faults.base import Fault
 
 SETTLING = 2.0  # s; twenty time constants of a motor of 0.1 s
-STEADY = 4.0  # s that are looked at
+STEADY = 4.0  # s that are examined
 
 
 def simulate_run(experiment: Experiment, faults: Sequence[Fault] = (), **settings: object) -> Recording:
@@ -72,7 +72,7 @@ def steady_run(stand: Stand, voltage: float, sample_time: float) -> SteadyRun:
     from servobench.systems.control.open_loop import OpenLoop
     from servobench.systems.signals.constant import Constant
 
-    asked = stand.experiment.model_copy(
+    experiment = stand.experiment.model_copy(
         update={
             "name": f"{stand.experiment.name} at {voltage:g} V",
             "signal": Constant(value=voltage),
@@ -82,7 +82,7 @@ def steady_run(stand: Stand, voltage: float, sample_time: float) -> SteadyRun:
             "until": "",
         }
     )
-    data = measure(stand.run(asked))
+    data = measure(stand.run(experiment))
     steady = data.t_output >= data.t_output[0] + SETTLING
     speed = _slope(data.t_output[steady], data.y[steady])
     if abs(speed) * sample_time < 1e-3 * quantum_of(data):

@@ -1,6 +1,6 @@
 """The stand of an exercise: a motor to run experiments on, or a recording alone, and all facts that come of it.
 
-A study's facts are found when they are first asked for, by a rule or by another study. A stand carries each study out once.
+A study's facts are found when they are first requested, by a rule or by another study. A stand carries each study out once.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class _AllFacts(Mapping[str, Fact]):
 
 @lru_cache(maxsize=64)
 def stand_on_the_twin(exercise: Exercise) -> MotorStand:
-    """Return the stand of an exercise with the simulated motor, in virtual time; raises `UsageError` if another is asked for."""
+    """Return the stand of an exercise with the simulated motor, in virtual time; raises `UsageError` if another is requested."""
     if exercise.experiment.device.name != TWIN:
         raise UsageError(
             f"{exercise.source}: the device is {exercise.experiment.device.name!r}; only the twin runs without a motor"
@@ -126,7 +126,7 @@ def stand_on_the_twin(exercise: Exercise) -> MotorStand:
 
 
 def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
-    """Return the stand of an exercise with a device, a twin in virtual time; nothing moves until it is asked for a recording.
+    """Return the stand of an exercise with a device, a twin in virtual time; nothing moves until a recording is requested.
 
     Raises `UnknownName` for a device that isn't known, and `UsageError` for settings that it hasn't.
     """
@@ -135,8 +135,8 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
     def carry_out(experiment: Experiment) -> Recording:
         from servobench.rig.loop.live import run_where_its_time_passes
 
-        asked = experiment.model_copy(update={"device": _same_motor(chosen, experiment.device)})
-        recording = run_where_its_time_passes(asked, _make_device(asked.device))
+        chosen_experiment = experiment.model_copy(update={"device": _same_motor(chosen, experiment.device)})
+        recording = run_where_its_time_passes(chosen_experiment, _make_device(chosen_experiment.device))
         if recording.stopped.reason == "interrupted":
             raise KeyboardInterrupt(recording.stopped.sentence)  # who stops a run doesn't want the next one
         return recording
@@ -187,11 +187,11 @@ def check_made_for(exercise: Exercise, recording: Recording, called: str = "") -
 
     if not recording.experiment:
         return
-    made, asked = read_experiment(recording.experiment, recording.name), exercise.experiment
+    made, own = read_experiment(recording.experiment, recording.name), exercise.experiment
     parts = {
-        "signal": (made.signal, asked.signal),
-        "controller": (made.controller, asked.controller),
-        "sample time": (made.sample_time, asked.sample_time),
+        "signal": (made.signal, own.signal),
+        "controller": (made.controller, own.controller),
+        "sample time": (made.sample_time, own.sample_time),
     }
     other = [name for name, (theirs, ours) in parts.items() if theirs != ours]
     if other:
@@ -215,8 +215,8 @@ def _in_virtual_time(device: DeviceChoice) -> DeviceChoice:
     return device.model_copy(update={"settings": {**device.settings, "timing": "virtual"}})
 
 
-def _same_motor(own: DeviceChoice, asked: DeviceChoice) -> DeviceChoice:
+def _same_motor(own: DeviceChoice, choice: DeviceChoice) -> DeviceChoice:
     """The stand's own motor; what a study asks of a twin beside, such as another dead band, is set on top."""
-    if own.name != asked.name or own.name != TWIN:
+    if own.name != choice.name or own.name != TWIN:
         return own
-    return _in_virtual_time(asked.model_copy(update={"settings": {**own.settings, **asked.settings}}))
+    return _in_virtual_time(choice.model_copy(update={"settings": {**own.settings, **choice.settings}}))

@@ -137,7 +137,7 @@ def without_friction(
     """Return the answer of the loop as it runs, tick by tick, to the experiment's reference, without friction and limits.
 
     The motor has the gain K [rad/(s·V)] and the time constant τ [s].
-    A speed is looked at through the same chain as that of the run.
+    A speed is examined through the same chain as that of the run.
     """
     from servobench.systems.tuning.response import unit_step
 

@@ -74,7 +74,7 @@ def _column_texts(column: Column) -> list[TextColumn]:
     )
     if not column.paper:
         return [ours]
-    beside = [
+    columns = [
         ours,
         TextColumn(
             heading=PAPER,
@@ -85,5 +85,5 @@ def _column_texts(column: Column) -> list[TextColumn]:
     ]
     if not words:
         texts = tuple(off_by(a, b) for a, b in zip(column.values, column.paper, strict=True))
-        beside.append(TextColumn(heading=OFF, unit="", kind="off", texts=texts))
-    return beside
+        columns.append(TextColumn(heading=OFF, unit="", kind="off", texts=texts))
+    return columns

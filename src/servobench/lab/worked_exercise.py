@@ -67,11 +67,11 @@ class WorkedExercise:
     @property
     def in_short(self) -> tuple[str, ...]:
         """The exercise's means: the device and its counter, duration and sample time, and the chain."""
-        asked, info = self.stand.experiment, self.stand.info
+        experiment, info = self.stand.experiment, self.stand.info
         counts = info.channel("counts")
         counter = f"a counter of {counts.counter_bits} bits" if counts and counts.counter_bits else ""
-        chain = f"the speed through ‘{asked.chain}’" if asked.chain not in ("", "none") else ""
-        rate = f"{with_unit(asked.duration or 0.0, 's')} at {with_unit(asked.sample_rate, 'Hz')}"
+        chain = f"the speed through ‘{experiment.chain}’" if experiment.chain not in ("", "none") else ""
+        rate = f"{with_unit(experiment.duration or 0.0, 's')} at {with_unit(experiment.sample_rate, 'Hz')}"
         return tuple(filter(None, (f"device: {info.name}", counter, rate, chain)))
 
     @property
@@ -166,18 +166,18 @@ class WorkedExercise:
                     f"its 95 % interval is ±{plain(known.half, 2)}{SPACE}{correction.unit}".rstrip()
                 )
         except NotIdentifiable as error:
-            told = correction.ours.replace("{}", "a figure that can't be determined here")
-            return EvaluatedCorrection(correction=correction, ours=f"{told.rstrip('.')}: {error}", value=None)
+            text = correction.ours.replace("{}", "a figure that can't be determined here")
+            return EvaluatedCorrection(correction=correction, ours=f"{text.rstrip('.')}: {error}", value=None)
         except UsageError as error:
             place = self.exercise.place_of_correction(correction)
             raise UsageError(f"{place}: the correction of {correction.where!r}: {error}") from error
         figure = f"{plain(value, correction.digits)}{SPACE}{correction.unit}".rstrip()
-        asked = dict.fromkeys(name.partition("_")[0] for name in Expression(correction.answer).names)
+        names = dict.fromkeys(name.partition("_")[0] for name in Expression(correction.answer).names)
         return EvaluatedCorrection(
             correction=correction,
             ours=correction.ours.replace("{}", figure),
             value=value,
             studies=tuple(
-                piece.study for piece in self.exercise.pieces if piece.study and piece.study in asked
+                piece.study for piece in self.exercise.pieces if piece.study and piece.study in names
             ),
         )

@@ -27,9 +27,9 @@ _PASSING_TIME = 2.0  # s
 
 async def pieces(request: Request, largest: int) -> AsyncIterator[bytes]:
     """Yield the body of a request as it comes; raises `Refused` once it has, or says that it has, more than `largest` bytes."""
-    told = request.headers.get("content-length")
-    if told is not None and (not told.isdecimal() or len(told) > 15 or int(told) > largest):
-        raise Refused(413, f"{told[:20]} bytes are too many; expected at most {largest}")
+    declared = request.headers.get("content-length")
+    if declared is not None and (not declared.isdecimal() or len(declared) > 15 or int(declared) > largest):
+        raise Refused(413, f"{declared[:20]} bytes are too many; expected at most {largest}")
     got = 0
     async for piece in request.stream():
         got += len(piece)
@@ -64,7 +64,7 @@ class BodyReceiver:
         return message
 
     async def let_pass(self) -> None:
-        """Take what is still on its way, and forget it: who is cut off in the middle of sending sees no answer. Not for ever."""
+        """Read the rest and drop it, for a limited time: a client that is cut off while it sends sees no answer."""
         most = LARGEST_UPLOAD
         with suppress(TimeoutError):
             async with asyncio.timeout(_PASSING_TIME):

@@ -60,8 +60,8 @@ class Capture:
             self.loop.end_recording()
 
     def outcome(self) -> dict[str, Any]:
-        """Return what became of it, once it is finished: its length [s], the one that was asked for, and why it is shorter."""
-        # Between the first row and the last there is a sample time less than was asked for; a late tick is no early end.
+        """Return what became of it, once it is finished: its length [s], the one that was requested, and why it is shorter."""
+        # Between the first row and the last there is a sample time less than was requested; a late tick is no early end.
         early = self.duration is not None and self._length < self.duration - 2 * self._experiment.sample_time
         by_hand = self.duration is None and self._ended_by == BY_HAND
         return {
@@ -158,9 +158,9 @@ class Captures:
         try:
             folder = await asyncio.to_thread(self._library.new, name)
             try:
-                taking = self.now = Capture(going_on(), experiment, folder, duration)
+                capture = self.now = Capture(going_on(), experiment, folder, duration)
                 self._changed()
-                await taking.begin()
+                await capture.begin()
             except ServobenchError:
                 self.now = None
                 await asyncio.to_thread(self._library.forget, folder)
@@ -185,16 +185,16 @@ class Captures:
             self.now.end(why)
             await self._end_task(self.now)
 
-    def _end_task(self, taking: Capture) -> asyncio.Task[None]:
+    def _end_task(self, capture: Capture) -> asyncio.Task[None]:
         """The callback for a recording's end; it is called once."""
-        if taking.ending is None:
-            taking.ending = asyncio.get_running_loop().create_task(self._end(taking))
-        return taking.ending
+        if capture.ending is None:
+            capture.ending = asyncio.get_running_loop().create_task(self._end(capture))
+        return capture.ending
 
-    async def _end(self, taking: Capture) -> None:
-        error = await taking.finish()
+    async def _end(self, capture: Capture) -> None:
+        error = await capture.finish()
         self.now = None
-        self._ended(taking, error)
+        self._ended(capture, error)
 
 
 def about(path: Path, created: str, signal: str) -> About:

@@ -54,16 +54,16 @@ def mapping_of(given: Given[str, Any]) -> Mapping:
             raise UnknownName("answer about a file's columns", str(name)[:80], known)
         if not isinstance(value, str) or len(value) > _LONGEST:
             raise UsageError(f"the answer about {name} must be a text of at most {_LONGEST} letters")
-    said: dict[str, Any] = {name: value.strip() for name, value in given.items() if value.strip()}
+    entries: dict[str, Any] = {name: value.strip() for name, value in given.items() if value.strip()}
     for role, meaning in _NEEDED.items():
-        if role not in said:
+        if role not in entries:
             raise UsageError(f"the {role} is missing: choose the column that is {meaning}, and its unit")
     for role in ("time", *_NEEDED):
-        if role in said and ColumnSpec.parse(said[role]).unit is None:
+        if role in entries and ColumnSpec.parse(entries[role]).unit is None:
             raise UsageError(f"the unit of the {role} is missing: choose the unit of its values")
-    if "sample_time" in said:
-        said["sample_time"] = seconds(said["sample_time"])
-    return Mapping(**said)
+    if "sample_time" in entries:
+        entries["sample_time"] = seconds(entries["sample_time"])
+    return Mapping(**entries)
 
 
 def apply_mapping(recording: Recording, folder: Path) -> Recording:

@@ -77,12 +77,12 @@ def settings_error_text(error: ValidationError) -> str:
 
 
 def _one(wrong: ErrorDetails) -> str:
-    place, said = _place(wrong["loc"]), wrong["msg"].removeprefix("Value error, ")
+    place, message = _place(wrong["loc"]), wrong["msg"].removeprefix("Value error, ")
     if wrong["type"] == "missing":
         return f"{place} isn't given"
-    expected = said.removeprefix("Input should be ")
-    if expected == said:
-        return f"{place}: {said}" if place else said
+    expected = message.removeprefix("Input should be ")
+    if expected == message:
+        return f"{place}: {message}" if place else message
     expected = _EXPECTED.get(wrong["type"], expected)
     given = wrong["input"]
     if given is None:

@@ -32,7 +32,7 @@ class LoopContext(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warnings for a person beside the motor, in the order in which they came up."""
+        """The warnings for a person at the motor, in the order in which they came up."""
         ...
 
     @property

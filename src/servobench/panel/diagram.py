@@ -102,14 +102,14 @@ def diagram(experiment: Experiment, info: DeviceInfo, chain: Chain) -> Diagram:
     it says of itself: a simulated one keeps its truths hidden, but for those that the experiment sets.
     """
     device, sensors = _device(experiment, info)
-    asked = (_signal(experiment), _controller(experiment), _limits(experiment))
+    drive = (_signal(experiment), _controller(experiment), _limits(experiment))
     recorder = _recorder(experiment, info)
     stages = tuple(_stages(info, chain))
     scope, identification = _scope(chain), _identification(experiment, chain)
     beside = [block for block in sensors if block not in device]
     read_from = sensors or device[-1:]
     wires = [
-        *_in_a_row((*asked, *device), _labels(experiment)),
+        *_in_a_row((*drive, *device), _labels(experiment)),
         *(Wire(source="motor", target=block.id) for block in beside),
         *(Wire(source=block.id, target="recorder", label=_read(block)) for block in read_from),
         Wire(source="limits", target="recorder", label="voltage"),
@@ -120,7 +120,7 @@ def diagram(experiment: Experiment, info: DeviceInfo, chain: Chain) -> Diagram:
     if experiment.controller.reference_unit != "V":
         wires.append(Wire(source=device[-1].id, target="controller", label="y"))
     return Diagram(
-        blocks=(*asked, *device, *beside, recorder, *stages, scope, identification),
+        blocks=(*drive, *device, *beside, recorder, *stages, scope, identification),
         wires=tuple(wires),
         device=experiment.device.name,
     )
@@ -263,9 +263,9 @@ def _device_settings(experiment: Experiment, info: DeviceInfo) -> Iterator[Setti
     asked.pop("settings", None)
     for name, value in asked.items():
         yield Setting(name=name, value=_plain(value), sentence="A setting of the device")
-    for name, said in info.settings:
+    for name, text in info.settings:
         if f"settings.{name}" not in asked:
-            yield Setting(name=f"settings.{name}", value=said, sentence="A setting of the device")
+            yield Setting(name=f"settings.{name}", value=text, sentence="A setting of the device")
     for path, value in _members("faults", [dict(fault) for fault in experiment.device.faults]):
         if value != []:
             yield Setting(name=path, value=_plain(value), sentence="A fault injected on purpose")
@@ -303,7 +303,7 @@ def _sensor(channel: Channel) -> Block:
 def _channel_settings(channel: Channel) -> Iterator[Setting]:
     """A channel by the device's description, as far as it has one."""
     unit = channel.unit or ""
-    said = (
+    meaning = (
         ("minimum", channel.minimum, unit, "Smallest value"),
         ("maximum", channel.maximum, unit, "Largest value"),
         ("resolution", channel.resolution, unit, "Smallest step"),
@@ -311,7 +311,7 @@ def _channel_settings(channel: Channel) -> Iterator[Setting]:
         ("counter_bits", channel.counter_bits, "bit", "Width of the counter, at which it wraps"),
     )
     yield Setting(name="channel", value=channel.name, sentence="Name of the channel in a recording")
-    for name, value, of, sentence in said:
+    for name, value, of, sentence in meaning:
         if value is not None:
             yield Setting(name=name, value=_plain(value), unit=of, sentence=sentence)
 
@@ -354,8 +354,8 @@ def _stages(info: DeviceInfo, chain: Chain) -> Iterator[Block]:
 
 
 def _angle(counts_per_rev: float) -> Block:
-    said = "Counts per turn of the shaft"
-    turn = Setting(name="counts_per_rev", value=_plain(counts_per_rev), unit="counts/rev", sentence=said)
+    meaning = "Counts per turn of the shaft"
+    turn = Setting(name="counts_per_rev", value=_plain(counts_per_rev), unit="counts/rev", sentence=meaning)
     step = Setting(
         name="resolution",
         value=2 * math.pi / counts_per_rev,
@@ -386,7 +386,7 @@ def _stage(name: str, stage: Stage, origin: str) -> Block:
         value=stage.linear,
         sentence="Whether the identified model's prediction passes through it",
     )
-    said = Setting(
+    setting = Setting(
         name="asked_for_by", value=origin, sentence="Why it is there: the chain, or the width of the counter"
     )
     return Block(
@@ -394,7 +394,7 @@ def _stage(name: str, stage: Stage, origin: str) -> Block:
         kind="stage",
         title=plain_words(STAGES.name_of(stage)),
         symbol=_symbol(stage),
-        settings=(*settings, text, linear, said),
+        settings=(*settings, text, linear, setting),
     )
 
 

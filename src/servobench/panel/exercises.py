@@ -1,4 +1,4 @@
-"""The exercises beside the scopes: what the routes `/api/exercises...` answer.
+"""The exercises next to the scopes: the answers of the routes `/api/exercises...`.
 
 Requests are authorised before they get here; nothing here knows of sessions. The exercises are those that come along, or
 those in the folder that the application's state names as `exercises`.
@@ -61,9 +61,9 @@ async def show_results(request: Request, work: Work) -> JSONResponse:
     if isinstance(found, JSONResponse):
         return found
     if found not in _results:
-        asked = {"do": "exercise", "name": found.name, "folder": str(_folder(request))}
+        order = {"do": "exercise", "name": found.name, "folder": str(_folder(request))}
         try:
-            _results[found] = await work(asked)
+            _results[found] = await work(order)
         except ServobenchError as error:
             return _error(_error_text(error, _folder(request)), _WRONG)
     return JSONResponse(_results[found])
@@ -72,7 +72,7 @@ async def show_results(request: Request, work: Work) -> JSONResponse:
 async def check_exercise(request: Request, work: Work) -> JSONResponse:
     """Answer POST /api/exercises/{name}/check, with {"answers": {id: text}}: whether each is right, and a sentence.
 
-    Answers are held against the exercise's experiment on the simulated motor. What has to be known for them is found once, by
+    Answers are compared with the exercise's experiment on the simulated motor. What has to be known for them is found once, by
     `work`, as that takes seconds.
     """
     found = await _find_exercise(request)
@@ -136,8 +136,8 @@ async def _facts_for(found: Exercise, answers: Mapping[str, str], folder: Path, 
     names = {name for rule in rules for name in Expression(rule).names}
     missing = facts.lacks(names)
     if missing is not None:
-        asked = {"do": "facts", "name": found.name, "folder": str(folder), "names": missing}
-        facts.add(missing, await work(asked))
+        order = {"do": "facts", "name": found.name, "folder": str(folder), "names": missing}
+        facts.add(missing, await work(order))
     return facts
 
 
@@ -170,8 +170,10 @@ def _list_exercises(folder: Path) -> list[dict[str, str]]:
         except ServobenchError as error:  # one file with a mistake doesn't take the others away
             broken.append({"name": name, "title": name, "sentence": "", "error": _error_text(error, folder)})
     found.sort(key=lambda each: (each.order, each.name))
-    told = ({"name": e.name, "title": line_text(e.title), "sentence": line_text(e.sentence)} for e in found)
-    return [*told, *broken]
+    entries = (
+        {"name": e.name, "title": line_text(e.title), "sentence": line_text(e.sentence)} for e in found
+    )
+    return [*entries, *broken]
 
 
 def _page_data(found: Exercise) -> dict[str, Any]:
@@ -189,8 +191,10 @@ def _page_data(found: Exercise) -> dict[str, Any]:
 def _check_answers(
     found: Exercise, answers: dict[str, str], facts: Mapping[str, Fact]
 ) -> dict[str, dict[str, Any]]:
-    said = check(found, answers, facts)
-    return {name: {"right": each.right, "sentence": line_text(each.sentence)} for name, each in said.items()}
+    checked = check(found, answers, facts)
+    return {
+        name: {"right": each.right, "sentence": line_text(each.sentence)} for name, each in checked.items()
+    }
 
 
 async def _body(request: Request) -> bytes | None:

@@ -45,7 +45,7 @@ _AS_RECORDED = ("reference", "commanded", "applied", "counts", "current", "late"
 _SETTLING = (
     2.0  # s of positions through which another chain is run before it's shown, so that its start isn't seen
 )
-_FORGOTTEN = 0.01  # of a filter's start state; with less left of it what comes out is taken for known
+_FORGOTTEN = 0.01  # of a filter's start state; with less left of it what comes out counts as known
 
 
 def encode(first: int, values: Array) -> bytes:

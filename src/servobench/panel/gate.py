@@ -1,7 +1,7 @@
 """Access control: the origin and the token of each request are checked before anything else sees it.
 
 Any page that a browser has open can send requests to a port of the same machine, with our cookie where it is on another port of
-it, and a name that it owns can be made to mean this machine. So the name that was asked for (Host), the page that asks (Origin,
+it, and a name that it owns can be made to mean this machine. So the name that was requested (Host), the page that asks (Origin,
 Sec-Fetch-Site) and a token that no other page can read have to be right, each by itself.
 """
 
@@ -83,7 +83,7 @@ class Door:
             )
 
     def admit(self, headers: Headers, asks: Asks) -> Session | None:
-        """Return the session of a request whose host is right, None where none is asked for; raises `Refused`."""
+        """Return the session of a request whose host is right, None where none is requested; raises `Refused`."""
         self._check_page(headers, asks)
         if asks.body != "none" and headers.get("content-type", "").partition(";")[0].strip() != asks.body:
             raise Refused(415, f"the request's body must be {asks.body}, with that Content-Type")
@@ -120,10 +120,10 @@ class Door:
             )
 
 
-def _cookie(headers: Headers, wanted: str) -> str:
+def _cookie(headers: Headers, cookie: str) -> str:
     """The cookie with a name; empty where there is none, or more than one, of which one isn't ours."""
     pairs = [pair.strip().partition("=") for line in headers.getlist("cookie") for pair in line.split(";")]
-    found = [value for name, _, value in pairs if name == wanted]
+    found = [value for name, _, value in pairs if name == cookie]
     return found[0] if len(found) == 1 else ""
 
 

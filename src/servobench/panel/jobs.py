@@ -23,7 +23,7 @@ class JobEnded(UsageError):
 
 @dataclass
 class _Job:
-    """One identification: of which recording, with how many samples, when it was asked for and what it does since when [s].
+    """One identification: of which recording, with how many samples, when it was requested and what it does since when [s].
 
     `spent` is how long it has been at each stage [s]: without what was compiled within it, which is done once for all.
     """

@@ -152,7 +152,7 @@ class LiveProcess:
 
     def message(self) -> str:
         """Return the newest `live` message of `LiveFit`, as JSON; empty where there is none since the last."""
-        return said[-1] if (said := self._said.read()) else ""
+        return messages[-1] if (messages := self._said.read()) else ""
 
     @property
     def ended(self) -> str:
@@ -160,9 +160,9 @@ class LiveProcess:
         if self._status is None:
             return ""
         self._errors.seek(0)
-        said = self._errors.read().decode("utf-8", "replace").strip().splitlines()
+        error_lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
         return (
-            f"Live identification has ended ({said[-1][:200] if said else f'status {self._status}'}). Scopes and "
+            f"Live identification has ended ({error_lines[-1][:200] if error_lines else f'status {self._status}'}). Scopes and "
             "recordings still work: make a recording and identify that, or open the device again."
         )
 
@@ -230,24 +230,24 @@ def main() -> int:
         while not gone.wait(beat.wait()):
             for wish in wished.read():
                 live.set_wish(json.loads(wish))
-            told = look(live, rows, spec.columns, seen)
-            if told is not None:
-                messages.push(json.dumps(finite(told), allow_nan=False, separators=(",", ":")))
+            estimate = look(live, rows, spec.columns, seen)
+            if estimate is not None:
+                messages.push(json.dumps(finite(estimate), allow_nan=False, separators=(",", ":")))
         _await_another_parent(server)
     return 0
 
 
 def look(live: LiveFit, reader: RowReader, columns: Mapping[str, int], to: RowRing) -> dict[str, Any] | None:
     """Give what is new in a ring of rows to a `LiveFit`, publish its residuals, and return its message where one is due."""
-    before, told = live.reached, None
+    before, estimate = live.reached, None
     rows = reader.read(_MOST)
     if len(rows):
-        told = live.take({name: rows[:, k] for name, k in columns.items()}, reader.next - len(rows))
+        estimate = live.take({name: rows[:, k] for name, k in columns.items()}, reader.next - len(rows))
     reached = live.reached
     first = max(before, reached - 2 * _MOST)  # rows that were lost are no news
     for record in Look(reached=reached, first=first, residuals=live.residuals(first, reached)).records():
         to.push(record.tolist())
-    return told
+    return estimate
 
 
 def _await_another_parent(server: int) -> None:

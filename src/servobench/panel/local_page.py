@@ -89,11 +89,11 @@ def write_page(address: str, key: str, folder: Path) -> Iterator[Path]:
         shutil.rmtree(place, ignore_errors=True)
 
 
-def _private_folder(wanted: Path | None) -> Path:
+def _private_folder(folder: Path | None) -> Path:
     """Make a folder that only its owner can read: in the wanted one, or, where that keeps no permissions, in the system's."""
-    if wanted is not None:
+    if folder is not None:
         with suppress(OSError):
-            place = Path(mkdtemp(prefix=".open-", dir=wanted.resolve()))
+            place = Path(mkdtemp(prefix=".open-", dir=folder.resolve()))
             if stat.S_IMODE(place.stat().st_mode) == 0o700:
                 return place
             place.rmdir()

@@ -150,7 +150,7 @@ async def static(request: Request, panel: Panel) -> Response:
 
 
 async def uplot(request: Request, panel: Panel) -> Response:
-    """A file of uPlot, as its package has it; raises `Refused` for one that isn't asked for by the page."""
+    """A file of uPlot, as its package has it; raises `Refused` for one that isn't requested by the page."""
     name = request.path_params["name"]
     if name not in UPLOT:
         raise Refused(404, f"there is no such uPlot file here; there are {', '.join(UPLOT)}")

@@ -21,7 +21,7 @@ _NARROWEST = 104.0
 _GAP = 46.0  # between blocks, for an arrow and its label
 _PAD = 16.0  # between the device's frame and what is in it
 _CAPTION = 18.0  # above a block, for its kind
-_LINE = 22.0  # between two lines beside each other
+_LINE = 22.0  # between two lines side by side
 _OUT = 48.0  # from the frame to where the samples go down
 _MARGIN = 8.0
 _TITLE_LETTER, _SYMBOL_LETTER = 7.4, 8.4  # widths at the sizes of the style sheet, on the wide side
@@ -115,11 +115,11 @@ def _row(blocks: Sequence[Block], x: float, y: float) -> dict[str, Box]:
 
 def _motor_row(diagram: Diagram) -> tuple[dict[str, Box], Box]:
     """The upper row, with sensors beside the encoder under the motor, and the device's frame."""
-    asked = [block for block in diagram.blocks if block.kind in {"signal", "controller", "limits"}]
+    drive = [block for block in diagram.blocks if block.kind in {"signal", "controller", "limits"}]
     device = [block for block in diagram.blocks if block.kind in {"device", "motor"} or block.id == "encoder"]
     others = [block for block in diagram.blocks if block.kind == "sensor" and block.id != "encoder"]
     y = _MARGIN + 2 * _CAPTION + 4
-    boxes = _row(asked, _MARGIN, y)
+    boxes = _row(drive, _MARGIN, y)
     left = max(box.right for box in boxes.values()) + _GAP
     boxes |= _row(device, left + _PAD, y)
     # Straight below the motor, which is what the first of them measures.

@@ -23,7 +23,7 @@ from servobench.systems.signals.sum import Sum
 COLUMNS = 560
 """The most points of a drawn signal: two for each unit of the page's drawing."""
 LEAST_SAMPLES = 20
-"""So many are drawn, however short the time that was asked for: two of them would look like any signal."""
+"""So many are drawn, however short the time that was requested: two of them would look like any signal."""
 MOST_WORK = 8e6
 """Values of a plain signal that are reckoned at most for one drawing, and as many for what comes after it."""
 _BLOCK = 2**16  # samples at a time
@@ -106,9 +106,9 @@ def _blocks(edges: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
         first = until
 
 
-def _later(signal: Signal, step: float, first: int, wanted: float) -> list[float] | None:
+def _later(signal: Signal, step: float, first: int, samples: float) -> list[float] | None:
     """The least and the largest value from sample `first` on, None where none is finite."""
-    last = math.ceil(wanted - 1e-9)
+    last = math.ceil(samples - 1e-9)
     edges = np.append(np.arange(first, last, _BLOCK), last)
     low, high = (found[np.isfinite(found)] for found in extremes(signal, step, edges))
     return [float(low.min()), float(high.max())] if len(low) else None

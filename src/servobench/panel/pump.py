@@ -48,7 +48,7 @@ class Loop(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warnings for a person beside the motor, in the order in which they came up."""
+        """The warnings for a person at the motor, in the order in which they came up."""
         ...
 
     def rows(self, start: int | None = None) -> RowReader:
@@ -181,7 +181,7 @@ class Pump(Thread):
         )
 
     def _loop_end(self) -> Stopped | None:
-        """The reason why the loop ended; its process is looked at only where no rows come."""
+        """The reason why the loop ended; its process is examined only where no rows come."""
         ring = self._loop.ring
         silent = ring.written == self._rows.next or ring.get(LOOP_STATE) == ENDED
         return self._loop.ended if silent else None

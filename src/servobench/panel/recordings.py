@@ -75,16 +75,16 @@ async def download(request: Request, panel: Panel) -> Response:
     """One as a file: as it is, or as text. Raises `UsageError` for another format."""
     name = _name(request)
     native = await asyncio.to_thread(panel.library.file, name, RECORDING)
-    wanted = request.query_params.get("as", "mcap")
-    if wanted == "mcap":
+    form = request.query_params.get("as", "mcap")
+    if form == "mcap":
         return FileResponse(native, filename=f"{name}.mcap", media_type="application/octet-stream")
-    if wanted != "csv":
-        raise UsageError(f"a recording isn't available as {wanted[:20]!r}; expected mcap or csv")
+    if form != "csv":
+        raise UsageError(f"a recording isn't available as {form[:20]!r}; expected mcap or csv")
     folder = await asyncio.to_thread(TemporaryDirectory, prefix="servobench-")
     try:
         text = Path(folder.name) / f"{name}.csv"
-        asked = {"do": "convert", "file": os.fspath(native), "called": name, "to": os.fspath(text)}
-        await panel.work(asked)
+        order = {"do": "convert", "file": os.fspath(native), "called": name, "to": os.fspath(text)}
+        await panel.work(order)
     except BaseException:
         await asyncio.to_thread(folder.cleanup)
         raise
@@ -121,7 +121,7 @@ async def identify_one(request: Request, panel: Panel) -> Response:
     name = _name(request)
     native = await asyncio.to_thread(panel.library.file, name, RECORDING)
     page = native.parent / REPORT
-    asked = {
+    order = {
         "do": "identify",
         "file": os.fspath(native),
         "called": name,
@@ -132,13 +132,13 @@ async def identify_one(request: Request, panel: Panel) -> Response:
     if known.columns == "open":
         raise Refused(409, f"the columns of {name} aren't assigned yet: choose Columns there")
 
-    async def identify_and_keep(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
+    async def identify_and_keep(order: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
         """The result, stored before the end of the identification is announced, so that a request after that finds it."""
-        found: dict[str, Any] = (await panel.work(asked, said))["result"]
+        found: dict[str, Any] = (await panel.work(order, said))["result"]
         await asyncio.to_thread(panel.library.judge, native.parent, found)
         return found
 
-    result = await panel.jobs.identify(identify_and_keep, panel.motor.tell, name, asked, known.samples)
+    result = await panel.jobs.identify(identify_and_keep, panel.motor.tell, name, order, known.samples)
     panel.motor.tell({"kind": "library"})
     return _answer(name, result)
 
@@ -184,7 +184,7 @@ async def upload(request: Request, panel: Panel) -> Response:
             # Its recording is called after it; what can't be a name everywhere is none on this disk.
             file = Path(place.name) / f"{nearest_name(stem)}{suffix}"
             await _store_body(request, file)
-            asked = {
+            order = {
                 "do": "import",
                 "file": os.fspath(file),
                 "called": _file_text(given),
@@ -192,7 +192,7 @@ async def upload(request: Request, panel: Panel) -> Response:
                 "to": os.fspath(folder / RECORDING),
                 "created": datetime.now().isoformat(timespec="seconds"),
             }
-            found = await panel.work(asked)
+            found = await panel.work(order)
         finally:
             await asyncio.to_thread(place.cleanup)
         await asyncio.to_thread(_write_description, folder, found)
@@ -215,10 +215,10 @@ async def columns(request: Request, panel: Panel) -> Response:
 
 
 def _questions(panel: Panel, name: str) -> dict[str, Any]:
-    asked: dict[str, Any] = json.loads(panel.library.file(name, QUESTIONS).read_text(encoding="utf-8"))
-    said = panel.library.folder_of(name) / MAPPING
-    asked["said"] = toml.loads(said.read_text(encoding="utf-8")) if said.is_file() else {}
-    return asked
+    questions: dict[str, Any] = json.loads(panel.library.file(name, QUESTIONS).read_text(encoding="utf-8"))
+    mapping_file = panel.library.folder_of(name) / MAPPING
+    questions["said"] = toml.loads(mapping_file.read_text(encoding="utf-8")) if mapping_file.is_file() else {}
+    return questions
 
 
 async def columns_said(request: Request, panel: Panel) -> Response:
@@ -228,10 +228,10 @@ async def columns_said(request: Request, panel: Panel) -> Response:
     await asyncio.to_thread(
         panel.library.file, _name(request), QUESTIONS
     )  # or else it says itself what it holds
-    asked = {"do": "map", "file": os.fspath(native), "called": _name(request), "said": given}
-    said = await panel.work(asked)
+    order = {"do": "map", "file": os.fspath(native), "called": _name(request), "said": given}
+    answer = await panel.work(order)
     await asyncio.to_thread(
-        panel.library.say_columns, native.parent, said["mapping"], said["length"], said["samples"]
+        panel.library.say_columns, native.parent, answer["mapping"], answer["length"], answer["samples"]
     )
     return _announce_change(panel)
 
@@ -241,9 +241,10 @@ def _write_description(folder: Path, found: dict[str, Any]) -> None:
     replace_file(folder / QUESTIONS, json.dumps(found["questions"]))
     known = About(**found["about"])
     # Without known times the duration is unknown.
-    asked = found["questions"]["open"]
+    open_questions = found["questions"]["open"]
     keep_about(
-        folder, replace(known, columns="open", duration=0.0) if asked else replace(known, columns="known")
+        folder,
+        replace(known, columns="open", duration=0.0) if open_questions else replace(known, columns="known"),
     )
 
 

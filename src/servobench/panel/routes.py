@@ -92,7 +92,7 @@ def _route(way: Way, panel: Panel, door: Door) -> BaseRoute:
 
 
 class _Endpoint:
-    """Answers requests that bring what is asked for; what goes wrong is a sentence."""
+    """Answers requests that bring what is requested; what goes wrong is a sentence."""
 
     def __init__(self, asks: Asks, answer: Answers, panel: Panel, door: Door) -> None:
         self._asks = asks

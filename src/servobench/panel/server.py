@@ -69,7 +69,7 @@ def app(panel: Panel) -> ASGIApp:
 
 
 def load() -> None:
-    """Load what is loaded when it is first asked for, before a page comes that would have to wait for it.
+    """Load what is loaded when it is first requested, before a page comes that would have to wait for it.
 
     Those are the members of the kinds that can be chosen, and what compiles: while its library is loaded no thread goes on.
     """

@@ -71,7 +71,7 @@ class MotorSession:
         self.lease = Lease()
         self.history = History()
         self.takings = Captures(library, self.show_state, self._note_recorded)
-        self._signal = self.experiment.signal  # the one that was asked for last, in force or not yet
+        self._signal = self.experiment.signal  # the one that was requested last, in force or not yet
         self._taken = False  # whether a page drives, as last announced
         self._wish: dict[str, float] = {}
         self._loop_of = loop_of
@@ -247,14 +247,14 @@ class MotorSession:
             self._stop_unseen(HIDDEN)
 
     def _look_at_operator(self) -> None:
-        """Put out zero volts where the operator's page doesn't show the motor as it is."""
+        """Apply zero volts where the operator's page doesn't show the motor as it is."""
         viewer = self.lease.operator
         if viewer is not None and (why := viewer.attention.reason_unseen(self.history)):
             self._stop_unseen(why)
         self._show_whether_taken()
 
     def _stop_unseen(self, why: str) -> None:
-        """Put out zero volts, once for each start; the operator stays unless another page asks to drive."""
+        """Apply zero volts, once for each start; the operator stays unless another page asks to drive."""
         if self.loop is not None and not self._standing.rests and not self._standing.stopped:
             sentence = f"{why}; the voltage is zero"
             self.stop(sentence)
@@ -307,7 +307,7 @@ class MotorSession:
         return self.command(Command(enabled=True, signal=self._signal))
 
     def stop(self, sentence: str) -> int | None:
-        """Put out zero volts, for any page; return the number that the loop acknowledges, None if no loop runs yet.
+        """Apply zero volts, for any page; return the number that the loop acknowledges, None if no loop runs yet.
 
         What is being recorded goes on: how the shaft comes to rest is what shows that it was stopped.
         """
@@ -352,15 +352,15 @@ class MotorSession:
             raise Refusal("nothing is being recorded")
         self.takings.end(BY_HAND)
 
-    def _note_recorded(self, taking: Capture, error: str) -> None:
+    def _note_recorded(self, capture: Capture, error: str) -> None:
         """Take note of a recording's end; one that failed stops the motor, so that it never turns unrecorded unnoticed."""
         if error:
             self._put_out_zero()
             self._fail("recording-failed", f"{error}; the voltage is zero")
         else:
-            self.tell({"kind": "recorded", **taking.outcome()})
-        if taking.loop is self.loop:
-            self._later(asyncio.to_thread(taking.loop.ready_recorder))
+            self.tell({"kind": "recorded", **capture.outcome()})
+        if capture.loop is self.loop:
+            self._later(asyncio.to_thread(capture.loop.ready_recorder))
         self.tell({"kind": "library"})
         self.show_state()
 
@@ -443,28 +443,28 @@ class MotorSession:
 
     def _state(self) -> dict[str, Any]:
         """The state for all viewers; who the operator is differs."""
-        asked = self.experiment.model_dump(mode="json", include={"signal", "controller"})
-        standing, taking = self._standing, self.takings.now
+        drive = self.experiment.model_dump(mode="json", include={"signal", "controller"})
+        state, capture = self._standing, self.takings.now
         return {
             "kind": "state",
             "followed": self._connection is not None and self._connection.live is not None,
             "running": self.loop is not None and self._opening is None,
             "opening": None if self._opening is None else self._opening.state(),
             "closed": self._closed_by,
-            "enabled": standing.enabled,
-            "stopped": standing.stopped,
+            "enabled": state.enabled,
+            "stopped": state.stopped,
             "taken": self.lease.taken,
-            "signal": asked["signal"],
-            "controller": asked["controller"],
+            "signal": drive["signal"],
+            "controller": drive["controller"],
             "chain": self.experiment.chain,
             "sample_time": self.experiment.sample_time,
             "device": self.device(),
-            "fault": standing.fault,
-            "late": standing.late,
-            "missed": standing.missed,
-            "limits": [] if self.loop is None else standing.limits(self.experiment),
-            "recording": None if taking is None else taking.state(),
-            "command": standing.command,
+            "fault": state.fault,
+            "late": state.late,
+            "missed": state.missed,
+            "limits": [] if self.loop is None else state.limits(self.experiment),
+            "recording": None if capture is None else capture.state(),
+            "command": state.command,
         }
 
     def device(self) -> dict[str, Any]:

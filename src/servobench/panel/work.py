@@ -51,7 +51,7 @@ def nobody_asks(doing: str) -> None:
     """Take no notice of what is done now."""
 
 
-async def do_elsewhere(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
+async def do_elsewhere(order: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
     """Have a piece of work done, one at a time, and return what came out; raises the error that it raised there.
 
     `asked` is JSON, whose `do` says which: see `PIECES`. What is wrong with its `file` is told by the name `called`. `said` is
@@ -62,7 +62,7 @@ async def do_elsewhere(asked: Mapping[str, Any], said: Said = nobody_asks) -> di
         said(STARTING)
         hand_on = partial(_to_loop, asyncio.get_running_loop(), said)
         process = await _start_process()
-        talking = asyncio.create_task(asyncio.to_thread(_conversation, process, asked, hand_on))
+        talking = asyncio.create_task(asyncio.to_thread(_conversation, process, order, hand_on))
         try:
             async with asyncio.timeout(PATIENCE):
                 answer = await asyncio.shield(talking)
@@ -109,15 +109,15 @@ def _process() -> subprocess.Popen[bytes]:
     )
 
 
-def _conversation(process: subprocess.Popen[bytes], asked: Mapping[str, Any], said: Said) -> dict[str, Any]:
+def _conversation(process: subprocess.Popen[bytes], order: Mapping[str, Any], said: Said) -> dict[str, Any]:
     """Ask, hand on what is said of the work meanwhile, and return the answer; raises `UsageError` where none came."""
-    with process, ThreadPoolExecutor(1) as beside:
+    with process, ThreadPoolExecutor(1) as reader:
         stdin, stdout, stderr = (
             cast("IO[bytes]", end) for end in (process.stdin, process.stdout, process.stderr)
         )
-        complaints = beside.submit(stderr.read)
+        complaints = reader.submit(stderr.read)
         with suppress(OSError):  # it is gone already, and its complaints say why
-            stdin.write(json.dumps(asked).encode())
+            stdin.write(json.dumps(order).encode())
             stdin.close()
         last = b""
         while line := stdout.readline(_LONGEST):
@@ -162,7 +162,7 @@ def _stage(doing: str) -> Iterator[None]:
         yield
 
 
-def identify_file(asked: Mapping[str, Any]) -> dict[str, Any]:
+def identify_file(order: Mapping[str, Any]) -> dict[str, Any]:
     """Identify the recording `file` with the model `structure`, and write the page `report`; return the result.
 
     It is what `servobench identify FILE` makes of it.
@@ -176,17 +176,17 @@ def identify_file(asked: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.report.document import Report
 
     with _stage(READING):
-        recording = apply_mapping(read(asked["file"])[0], Path(asked["file"]).parent)
+        recording = apply_mapping(read(order["file"])[0], Path(order["file"]).parent)
         data = measure(recording)  # the counts: the scopes' filter is for the eye
     with _stage(IDENTIFYING):
-        result = identify([data], structure=asked["structure"])
+        result = identify([data], structure=order["structure"])
     with _stage(WRITING):
-        command = f"servobench identify {os.path.basename(asked['file'])}"
-        Report([recording], result, command=command).write(asked["report"])
+        command = f"servobench identify {os.path.basename(order['file'])}"
+        Report([recording], result, command=command).write(order["report"])
     return {"result": result.to_dict()}
 
 
-def import_file(asked: Mapping[str, Any]) -> dict[str, Any]:
+def import_file(order: Mapping[str, Any]) -> dict[str, Any]:
     """Read the file `file` of any format, and write its recording to the native file `to`; return what is asked about it.
 
     Raises `UsageError` for a file that doesn't hold one recording.
@@ -199,16 +199,16 @@ def import_file(asked: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.recordings.formats.base import save
     from servobench.recordings.loading.load import load
 
-    recordings = load(asked["file"])
+    recordings = load(order["file"])
     if len(recordings) != 1:
         raise UsageError(f"the file holds {len(recordings)} recordings; upload a file with one")
-    source = replace(recordings[0].source, name=asked["name"])
-    save(replace(recordings[0], source=source), asked["to"])
-    about_it = asdict(about(Path(asked["to"]), asked["created"], ""))
+    source = replace(recordings[0].source, name=order["name"])
+    save(replace(recordings[0], source=source), order["to"])
+    about_it = asdict(about(Path(order["to"]), order["created"], ""))
     return {"about": about_it, "questions": questions(recordings[0])}
 
 
-def preview_mapping(asked: Mapping[str, Any]) -> dict[str, Any]:
+def preview_mapping(order: Mapping[str, Any]) -> dict[str, Any]:
     """Look at the recording `file` as the answers `said` want it; return the mapping that they are, and what comes of it.
 
     That is its length [s] and how many samples of the output there are. Raises `UsageError` for fewer than two, and what
@@ -217,8 +217,8 @@ def preview_mapping(asked: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.panel.columns import mapping_of
     from servobench.recordings.native.reader import read
 
-    mapping = mapping_of(asked["said"])
-    found = mapping.assign_to(read(asked["file"])[0])
+    mapping = mapping_of(order["said"])
+    found = mapping.assign_to(read(order["file"])[0])
     series = found[found.output or ""]
     t = series.t
     if t is None or len(t) < 2:
@@ -226,16 +226,16 @@ def preview_mapping(asked: Mapping[str, Any]) -> dict[str, Any]:
     return {"mapping": mapping.toml(), "length": float(t[-1] - t[0]), "samples": len(t)}
 
 
-def convert_file(asked: Mapping[str, Any]) -> dict[str, Any]:
+def convert_file(order: Mapping[str, Any]) -> dict[str, Any]:
     """Write the recording in the native file `file` to the file `to`, in the format that its ending says."""
     from servobench.recordings.formats.base import save
     from servobench.recordings.native.reader import read
 
-    save(read(asked["file"]), asked["to"])
+    save(read(order["file"]), order["to"])
     return {}
 
 
-def exercise_results(asked: Mapping[str, Any]) -> dict[str, Any]:
+def exercise_results(order: Mapping[str, Any]) -> dict[str, Any]:
     """Do the exercise `name` of the folder `folder` on the simulated motor; return what its studies find and what it corrects."""
     from pathlib import Path
 
@@ -244,11 +244,11 @@ def exercise_results(asked: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.lab.stand import stand_on_the_twin
     from servobench.lab.worked_exercise import WorkedExercise
 
-    found = exercise(asked["name"], Path(asked["folder"]))
+    found = exercise(order["name"], Path(order["folder"]))
     return results(WorkedExercise(exercise=found, stand=stand_on_the_twin(found), given={}))
 
 
-def exercise_facts(asked: Mapping[str, Any]) -> dict[str, Any]:
+def exercise_facts(order: Mapping[str, Any]) -> dict[str, Any]:
     """Find the facts `names` of the exercise `name` of the folder `folder` on the simulated motor.
 
     Of each that there is return value and half-width, or what keeps it from being told; `known` are the names of all.
@@ -258,10 +258,10 @@ def exercise_facts(asked: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.lab.exercise_file import exercise
     from servobench.lab.stand import stand_on_the_twin
 
-    facts = stand_on_the_twin(exercise(asked["name"], Path(asked["folder"]))).facts
+    facts = stand_on_the_twin(exercise(order["name"], Path(order["folder"]))).facts
     found: dict[str, list[float]] = {}
     untold: dict[str, list[str]] = {}
-    for name in asked["names"]:
+    for name in order["names"]:
         try:
             if name in facts:
                 found[name] = [facts[name].value, facts[name].half]
@@ -280,24 +280,24 @@ PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
 }
 
 
-def _with_name(asked: Mapping[str, Any], sentence: str) -> str:
+def _with_name(order: Mapping[str, Any], sentence: str) -> str:
     """A message on the requested file with the name that the user knows: `called`, if that is another one."""
-    if "called" not in asked:
+    if "called" not in order:
         return sentence
-    file = str(asked["file"])
+    file = str(order["file"])
     ours = re.compile(f"{re.escape(file)}|(?<![^\\s'\"`]){re.escape(os.path.basename(file))}")
-    return ours.sub(lambda _: str(asked["called"]), sentence)
+    return ours.sub(lambda _: str(order["called"]), sentence)
 
 
 def main() -> int:
     """Do what standard input asks for, and say on standard output what came out."""
     logging.disable(logging.WARNING)  # the program that started this one gives the same ones
     give_way()
-    asked = json.loads(sys.stdin.buffer.read())
+    order = json.loads(sys.stdin.buffer.read())
     try:
-        answer = PIECES[asked["do"]](asked)
+        answer = PIECES[order["do"]](order)
     except ServobenchError as error:
-        answer = {"error": type(error).__name__, "sentence": _with_name(asked, str(error))}
+        answer = {"error": type(error).__name__, "sentence": _with_name(order, str(error))}
     except MemoryError:
         answer = {
             "error": "UsageError",

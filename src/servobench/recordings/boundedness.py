@@ -53,8 +53,8 @@ class Slope:
 class Stretch:
     """Constant input from `start` to `end` [s], its `level`, and the output's `slopes` in the third and fourth quarter.
 
-    `exponent` is the 95 % interval of λ [1/s]; None where one of the slopes can't be told from zero, or the sign changes. A
-    `sentence` says what all of that means.
+    `exponent` is the 95 % interval of λ [1/s]; None where one of the slopes may be zero, or the sign changes. A `sentence` says
+    what all of that means.
     """
 
     start: float

@@ -46,11 +46,11 @@ def with_chain(recording: Recording, text: str) -> Evidence:
         return Evidence(replace(recording, chain=text.strip() or recording.chain))
     if not _is_chain_pending(chain, unit):
         return Evidence(replace(recording, chain=text))
-    told = info(
+    finding = info(
         "chain-applied",
         f"The output `{output}` is in {unit}, the unit before `{chain}`, so the chain is applied now.",
     )
-    return Evidence(recording.with_findings(told), text)
+    return Evidence(recording.with_findings(finding), text)
 
 
 def _output(recording: Recording) -> tuple[str, str]:

@@ -19,4 +19,4 @@ def inspect(data: object = None, **options: Unpack[ReadingOptions]) -> tuple[Des
     ...     print(each.mapping.input, each.mapping.output)
     voltage:V angle_deg:deg
     """
-    return tuple(describe(recording, said) for recording, said in recordings_meant(data, **options))
+    return tuple(describe(recording, mapping) for recording, mapping in recordings_meant(data, **options))

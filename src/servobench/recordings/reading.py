@@ -91,8 +91,8 @@ class _Said:
                     f'{role}_unit is {unit!r}, but no column is the {role}: say {role}="COL:{unit}"'
                 )
             name = column if column in recording else ColumnSpec.parse(column).column
-            said: dict[str, Any] = {role: f"{name}:{unit}"}
-            own = own.override_with(Mapping(**said))
+            settings: dict[str, Any] = {role: f"{name}:{unit}"}
+            own = own.override_with(Mapping(**settings))
         return own
 
 
@@ -129,13 +129,13 @@ def recordings_meant(
 
     Raises what `evidence_in` does, but for what has to be said first.
     """
-    found, said = _look(data, argument, options)
+    found, mapping = _look(data, argument, options)
     recordings = [each for each, _ in found]
     select(
-        recordings, tuple(said.base.each)
+        recordings, tuple(mapping.base.each)
     )  # a name that isn't there would change nothing, and is a mistake
-    names = {each.name for each in select(recordings, said.mapping.recordings or said.base.recordings)}
-    return tuple((each, said.of(each, part)) for each, part in found if each.name in names)
+    names = {each.name for each in select(recordings, mapping.mapping.recordings or mapping.base.recordings)}
+    return tuple((each, mapping.of(each, part)) for each, part in found if each.name in names)
 
 
 def mapping_of(**options: Any) -> Mapping:
@@ -144,13 +144,13 @@ def mapping_of(**options: Any) -> Mapping:
     >>> mapping_of(output="angle:deg", sample_time="2 ms").sample_time
     0.002
     """
-    said = _parse_options(_without_empty(options))
-    if len(said.values) > 1:
+    mapping = _parse_options(_without_empty(options))
+    if len(mapping.values) > 1:
         raise UsageError(
-            f"`input_value=...` is given {len(said.values)} times for one recording; give it once"
+            f"`input_value=...` is given {len(mapping.values)} times for one recording; give it once"
         )
-    own = said.base.override_with(said.mapping)
-    return own.override_with(Mapping(input_value=said.values[0])) if said.values else own
+    own = mapping.base.override_with(mapping.mapping)
+    return own.override_with(Mapping(input_value=mapping.values[0])) if mapping.values else own
 
 
 def further_evidence_in(data: object, *, argument: str, **options: Any) -> tuple[Evidence | Dataset, ...]:
@@ -163,8 +163,8 @@ def further_evidence_in(data: object, *, argument: str, **options: Any) -> tuple
     datasets = _datasets(data, argument, kept)
     if datasets:
         return datasets
-    found, said = _look(data, argument, kept)
-    return _evidence([(each, said.of(each)) for each, _ in found])
+    found, mapping = _look(data, argument, kept)
+    return _evidence([(each, mapping.of(each)) for each, _ in found])
 
 
 def _look(
@@ -172,24 +172,24 @@ def _look(
 ) -> tuple[tuple[tuple[Recording, int], ...], _Said]:
     """The recordings that there are, each with the number of its part in a list of data, and what was said of them."""
     options = _without_empty(options)
-    said = _parse_options(options)
+    mapping = _parse_options(options)
     if any(name in options for name in _ARRAYS):
-        return tuple((each, 0) for each in _of_arrays(data, argument, options)), said
-    parts = data if isinstance(data, list | tuple) and len(said.values) > 1 else [data]
-    if len(said.values) > 1 and len(parts) != len(said.values):
+        return tuple((each, 0) for each in _of_arrays(data, argument, options)), mapping
+    parts = data if isinstance(data, list | tuple) and len(mapping.values) > 1 else [data]
+    if len(mapping.values) > 1 and len(parts) != len(mapping.values):
         raise UsageError(
-            f"input_value has {len(said.values)} values, and {argument} {len(parts)}; give one, or one for each in a list"
+            f"input_value has {len(mapping.values)} values, and {argument} {len(parts)}; give one, or one for each in a list"
         )
-    return tuple((each, k) for k, part in enumerate(parts) for each in recordings_in(part, argument)), said
+    return tuple((each, k) for k, part in enumerate(parts) for each in recordings_in(part, argument)), mapping
 
 
 def _without_empty(options: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def _evidence(meant: Sequence[tuple[Recording, Mapping]]) -> tuple[Evidence, ...]:
+def _evidence(recordings: Sequence[tuple[Recording, Mapping]]) -> tuple[Evidence, ...]:
     """The recordings as they were said to be, each under a name of its own."""
-    parts = [evidence_of(recording, said) for recording, said in meant]
+    parts = [evidence_of(recording, mapping) for recording, mapping in recordings]
     named = unique_names([part.recording for part in parts])
     return tuple(replace(part, recording=own) for part, own in zip(parts, named, strict=True))
 
@@ -245,23 +245,23 @@ def _parse_options(options: dict[str, Any]) -> _Said:
     for name in options:
         if name not in _KNOWN:
             raise UnknownName("option", name, _KNOWN)
-    said = {}
+    settings = {}
     for name in (*_TEXTS, *_UNITS):
         if name in options:
             if not isinstance(options[name], str):
                 raise UsageError(
                     f"{name} is {options[name]!r}; expected a text such as {name}={_EXAMPLES[name]!r}"
                 )
-            said[name] = options[name]
+            settings[name] = options[name]
     values = _values(options.get("input_value", ()))
-    if values and "input" in said:
+    if values and "input" in settings:
         raise UsageError("both input and input_value are given; give one of them")
-    units = {name.removesuffix("_unit"): said.pop(name) for name in _UNITS if name in said}
+    units = {name.removesuffix("_unit"): settings.pop(name) for name in _UNITS if name in settings}
     if "u" in options:  # whose unit the recording has already
         units = {}
     return _Said(
         mapping=Mapping(
-            **said,
+            **settings,
             sample_time=seconds(options["sample_time"]) if "sample_time" in options else None,
             counts_per_rev=_turn(options.get("counts_per_rev")),
             recordings=_names(options.get("recordings", ())),

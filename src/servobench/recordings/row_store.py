@@ -6,7 +6,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 
-MOST_EXPECTED = 1 << 22  # rows: 32 MB a column; what is asked for beyond may never come
+MOST_EXPECTED = 1 << 22  # rows: 32 MB a column; what is requested beyond may never come
 
 
 class RowStore:

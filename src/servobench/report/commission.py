@@ -123,8 +123,8 @@ def conclusion(found: Acceptance) -> dict[str, str]:
 def _identity(found: Acceptance) -> tuple[Fact, ...]:
     """The facts on the device that was commissioned, and on the software."""
     info = found.info
-    told = dict(info.settings)
-    firmware = told.pop("firmware", "")
+    settings = dict(info.settings)
+    firmware = settings.pop("firmware", "")
     counts = info.channel("counts")
     encoder = []
     if counts is not None:
@@ -134,7 +134,7 @@ def _identity(found: Acceptance) -> tuple[Fact, ...]:
         "Device": info.name,
         "Serial number or port": info.serial or "not told",
         "Firmware": firmware or "not told",
-        "Settings": ", ".join(f"{name} = {value}" for name, value in told.items()) or "the defaults",
+        "Settings": ", ".join(f"{name} = {value}" for name, value in settings.items()) or "the defaults",
         "Says of its encoder": ", ".join(encoder) or "nothing",
         "Voltage limit": f"{plain(found.voltage_limit)} V",
         "Sample time": f"{milliseconds(found.sample_time)} ms",

@@ -77,9 +77,9 @@ class ExplanationReport:
 def _title(found: Explanation) -> str:
     if not found.differences:
         return "No answer"
-    told = " and ".join(with_unit(each.other, each.unit) for each in found.differences)
+    values = " and ".join(with_unit(each.other, each.unit) for each in found.differences)
     first = " and ".join(with_unit(each.data, each.unit, 3) for each in found.differences)
-    return f"Why {told} and not {first}"
+    return f"Why {values} and not {first}"
 
 
 def _causes(found: Explanation) -> tuple[tuple[str, ...], ...]:
@@ -87,11 +87,11 @@ def _causes(found: Explanation) -> tuple[tuple[str, ...], ...]:
     rows = []
     for each in found.causes:
         shares = {share.name: share_text(share) for share in each.explains}
-        told = (shares.get(d.name, "–") for d in found.differences)
+        texts = (shares.get(d.name, "–") for d in found.differences)
         needed = "" if each.needed is None else size_range_text(each.needed)
         against = each.against and f"{'; ' if needed else ''}{each.against}"
         probability = probability_told(each.probability) if each.possible else "–"
-        rows.append((each.label, each.law, f"{needed}{against}", probability, *told))
+        rows.append((each.label, each.law, f"{needed}{against}", probability, *texts))
     return tuple(rows)
 
 

@@ -40,7 +40,7 @@ def readings(explanation: Explanation) -> Illustration | None:
         (_DATA, difference.data),
         *((_SHORT[each.method], _value(each, difference.name)) for each in read),
     ]
-    told = "; ".join(
+    text = "; ".join(
         f"{SPOKEN[each.method]}: {with_unit(_value(each, difference.name), difference.unit)}" for each in read
     )
     return Illustration(
@@ -48,7 +48,7 @@ def readings(explanation: Explanation) -> Illustration | None:
         title=f"The {parameter_in_words(difference.name)}, read in several ways",
         caption=f"From the same data, behind {read[0].chain}. The line is the claim, the band its uncertainty.",
         description=f"The data give {with_unit(difference.data, difference.unit)}, the claim is "
-        f"{with_unit(difference.other, difference.unit)}. {told}.",
+        f"{with_unit(difference.other, difference.unit)}. {text}.",
         draw=partial(_dots, tuple(rows), difference),
     )
 

@@ -87,7 +87,7 @@ class Course:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """A value, by its name, held against another one: the difference in percent, and half of its 95 % interval."""
+    """A value, by its name, compared with another one: the difference in percent, and half of its 95 % interval."""
 
     name: str
     percent: float

@@ -88,12 +88,12 @@ def against_nominal(comparisons: Sequence[Comparison]) -> Illustration | None:
     )
     if not rows:
         return None
-    told = "; ".join(f"{row.name} {plain(row.percent, 3)} % ± {plain(row.half, 2)} %" for row in rows)
+    text = "; ".join(f"{row.name} {plain(row.percent, 3)} % ± {plain(row.half, 2)} %" for row in rows)
     return Illustration(
         name="nominal",
         title="Identified against nominal",
         caption="A dot is the identified value, the bar its 95 % interval; a missing bar is narrower than the dot.",
-        description=f"Differences from the nominal values: {told}.",
+        description=f"Differences from the nominal values: {text}.",
         draw=partial(figures.differences, rows, "the nominal value"),
     )
 
@@ -234,21 +234,21 @@ def _distribution(fit: Fit) -> Illustration | None:
         half = 0.5 * quantum / factor
         x = np.array([edges[0], -half, -half, half, half, edges[-1]])
         expected = Curve(t=x, y=np.array([0, 0, 1, 1, 0, 0]) / (2 * half), look="model", label="rounding")
-        beside = "uniform within ± half a count, as for rounding alone"
+        reference = "uniform within ± half a count, as for rounding alone"
     else:
         x = np.linspace(edges[0], edges[-1], 121)
         s = sd / factor
         expected = Curve(
             t=x, y=np.exp(-0.5 * (x / s) ** 2) / (s * np.sqrt(2 * np.pi)), look="model", label="normal"
         )
-        beside = "a normal distribution of the same standard deviation"
+        reference = "a normal distribution of the same standard deviation"
     beyond = int(np.count_nonzero(np.abs(e) > limit))
     out = f" {count_text(beyond, 'sample')} beyond the axis." if beyond else ""
     return Illustration(
         name="distribution",
         title="Distribution of the residual",
-        caption=f"The blue line is {beside}.{out}",
-        description=f"Histogram with a standard deviation of {with_unit(sd, data.output_unit, 3)}; the line is {beside}.",
+        caption=f"The blue line is {reference}.{out}",
+        description=f"Histogram with a standard deviation of {with_unit(sd, data.output_unit, 3)}; the line is {reference}.",
         draw=partial(figures.distribution, edges, density, expected, unit),
     )
 

@@ -178,5 +178,5 @@ def _time_rows(description: Description) -> tuple[tuple[str, ...], ...]:
 
 def _time_row(base: TimeBase) -> tuple[str, ...]:
     steps = (base.start, base.end, base.shortest_step, base.median_step, base.p99_step, base.longest_step)
-    told = [with_unit(value, "s", 4) if value is not None else "–" for value in steps]
-    return (*told, str(base.gaps), str(base.duplicates), str(base.backward))
+    texts = [with_unit(value, "s", 4) if value is not None else "–" for value in steps]
+    return (*texts, str(base.gaps), str(base.duplicates), str(base.backward))

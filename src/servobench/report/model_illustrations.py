@@ -46,7 +46,7 @@ def frequency_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration
     low, high = min([seen[0], *(size / 10 for size in sizes)]), max([seen[1], *(size * 10 for size in sizes)])
     band = frequency_band(fit, np.geomspace(low, high, _POINTS))
     corner = float(sizes[0]) if len(system.poles) == 1 and sizes else None
-    told = _band_words(band, seen)
+    text = _band_words(band, seen)
     bandwidth = summary.quantity(
         "The bandwidth (the magnitude falls to 0.707 of its static value) is", derived["bandwidth"]
     )
@@ -55,10 +55,10 @@ def frequency_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration
         name="bode",
         title="Frequency response from the input to the speed",
         caption=(
-            f"{bandwidth} {told} Shaded frequencies are outside the data: below one cycle in the longest record, or "
+            f"{bandwidth} {text} Shaded frequencies are outside the data: below one cycle in the longest record, or "
             f"above half the sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is inside)."
         ).lstrip(),
-        description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {told}",
+        description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {text}",
         draw=_measured_diagram(fit, band) or partial(model_figures.bode, band, system.unit, seen, corner),
     )
 

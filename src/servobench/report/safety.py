@@ -43,11 +43,11 @@ def _is_driven(device: DeviceInfo) -> bool:
 def _clipping(limits: Limits, recording: Recording) -> tuple[Row, ...]:
     """Voltage and slew, which are kept by clipping; which of the two it was isn't recorded."""
     number = int(recording["saturated"].values.sum()) if "saturated" in recording else 0
-    told = f"at {count_text(number, 'sample')}" if number else _NEVER
-    voltage = ("Voltage", f"at most {plain(limits.voltage, 6)} V, clipped", told)
+    text = f"at {count_text(number, 'sample')}" if number else _NEVER
+    voltage = ("Voltage", f"at most {plain(limits.voltage, 6)} V, clipped", text)
     if limits.slew is None:
         return (voltage,)
-    return (voltage, ("Slew", f"at most {plain(limits.slew, 6)} V/s, clipped", told))
+    return (voltage, ("Slew", f"at most {plain(limits.slew, 6)} V/s, clipped", text))
 
 
 def _monitors(limits: Limits, device: DeviceInfo, sample_time: float, recording: Recording) -> list[Row]:

@@ -37,9 +37,9 @@ _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][\w-]*)")
 
 def title(result: Result, recordings: Sequence[Recording]) -> str:
     """Return what the report is about: the experiment and its device, or the names of the data."""
-    asked = [_experiment_name(recording) for recording in recordings]
+    experiments = [_experiment_name(recording) for recording in recordings]
     if len(recordings) == 1 and recordings[0].info is not None:
-        name = f"Experiment ‘{asked[0]}’" if asked[0] else "Experiment"
+        name = f"Experiment ‘{experiments[0]}’" if experiments[0] else "Experiment"
         return f"{name} on {recordings[0].info.name}"
     names = list(dict.fromkeys(data.name for data in result.data))
     if len(names) < 3:

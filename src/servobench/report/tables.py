@@ -66,7 +66,7 @@ class BudgetRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
-    """One parameter beside its nominal value, as texts: its name, both values, and the difference of the identified one.
+    """One parameter with its nominal value, as texts: its name, both values, and the difference of the identified one.
 
     That in percent and in standard deviations; the judgement says whether the nominal value lies in the interval.
     """
@@ -163,7 +163,7 @@ def foremost(findings: Sequence[Finding]) -> int:
 
 
 def comparison_rows(comparisons: Sequence[Comparison]) -> tuple[ComparisonRow, ...]:
-    """Return the estimates beside their nominal values."""
+    """Return the estimates with their nominal values."""
     return tuple(_comparison_row(comparison) for comparison in comparisons)
 
 

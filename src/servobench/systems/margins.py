@@ -151,7 +151,7 @@ def _phase_crossovers_behind_delay(
 ) -> list[float]:
     """The crossings of -180° by the phase of a loop with a delay whose magnitude is nearest to 1, of infinitely many such.
 
-    Between two frequencies that are looked at phase and magnitude each only rise or only fall, so that no narrow resonance
+    Between two frequencies that are examined phase and magnitude each only rise or only fall, so that no narrow resonance
     hides a crossing, and the magnitude at one isn't nearer to 1 than the stretch that it is in. Looked for up to one more turn
     of the phase beyond all corners and the gain crossover: from there on a loop falls. Beyond twice its distance from zero a
     root turns the phase by no more than π/6. A delay of more than a thousand turns there is beyond any control, and beyond what

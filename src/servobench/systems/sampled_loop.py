@@ -199,7 +199,7 @@ def proportional(gain: float) -> SampledLaw:
 def trapezoid(controller: TransferFunction, sample_time: float) -> SampledLaw:
     """Return C(s) as it is computed at ticks of `sample_time` [s] by the trapezoid rule, s = 2w/h (Tustin 1947).
 
-    One with more zeros than poles, such as a derivative without a filter, would ring for ever by that rule; it is computed with
+    One with more zeros than poles, such as a derivative without a filter, would ring forever by that rule; it is computed with
     differences between two ticks, s = (z - 1)/(hz). Raises `UsageError` for a sample time that isn't above zero.
     """
     n, d = np.trim_zeros(np.asarray(controller.numerator), "f"), np.asarray(controller.denominator)

@@ -1,4 +1,4 @@
-"""Nothing spins before stopping was proved, and every way out ends at rest."""
+"""Nothing spins until stopping is proved, and every way out ends at rest."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -63,7 +63,7 @@ def identify(
     """Identify every recording under SOURCE, a folder or an address such as s3://bucket/line-3, each by itself.
 
     RESULTS gets a table with a row for each file (motors.parquet, motors.csv) and a report. A file that can't be used is a row
-    with its reason. After Ctrl-C, or a machine that stopped, the same command goes on where it was; files that are new or have
+    with its reason. After Ctrl-C, or a machine that stopped, the same command continues from there; files that are new or have
     changed are identified, the others are left as they are.
 
     With --limits the exit status is 0 if all motors pass, 6 if one fails, 7 if none fails but some are undecided.
@@ -113,7 +113,7 @@ def settings_from(
     known: list[str] | None,
     starts_at_rest: bool,
 ) -> Settings:
-    """Return what is asked for of each file, checked before any of them is read; raises `UsageError`."""
+    """Return what is requested of each file, checked before any of them is read; raises `UsageError`."""
     from servobench.cli.conclusion import check_names
     from servobench.cli.parameter_values import parse_parameters
     from servobench.fleet.settings import Settings

@@ -118,7 +118,7 @@ def _follow(
                 results.replace(row, row["file"] in done)
                 done[row["file"]] = row["stamp"]
                 say(console, _line(row, limits))
-            time.sleep(max(LOOK, took))  # a folder of many files is looked at less often
+            time.sleep(max(LOOK, took))  # a folder of many files is examined less often
 
 
 def _line(row: Row, limits: Limits | None) -> str:
@@ -127,13 +127,13 @@ def _line(row: Row, limits: Limits | None) -> str:
     from servobench.core.parameter_names import parameter_in_words
     from servobench.core.rounding import rounded_interval
 
-    told = []
+    parts = []
     for name in ("gain", "time_constant"):
         low, high = row.get(f"{name}_low"), row.get(f"{name}_high")
         if row.get(f"{name}_state") == "known" and low is not None and high is not None:
             unit = row[f"{name}_unit"]
-            told.append(f"{parameter_in_words(name, unit)} {rounded_interval(row[name], (low, high), unit)}")
+            parts.append(f"{parameter_in_words(name, unit)} {rounded_interval(row[name], (low, high), unit)}")
     judged = limits.judge(row) if limits is not None else None
     first = str(judged.decision) if judged else str(row.get("verdict") or row["outcome"])
     why = judged.decided_by if judged else row["reason"]
-    return f"{first:9} {row['file']}: {', '.join([*told, *([with_options(why)] if why else [])])}"
+    return f"{first:9} {row['file']}: {', '.join([*parts, *([with_options(why)] if why else [])])}"

@@ -99,10 +99,10 @@ def _show_handed_out(
     from servobench.lab.exercise_file import FOLDER
     from servobench.lab.formula import line_text
 
-    asked = [each.asked for each in made]
-    passed, same = pass_rates(asked), same_for_all(asked)
+    questions = [each.asked for each in made]
+    passed, same = pass_rates(questions), same_for_all(questions)
     rows = []
-    for column in zip(*asked, strict=True):
+    for column in zip(*questions, strict=True):
         blank, count = column[0].blank, sum(question.is_answerable for question in column)
         of = "all" if count == len(column) else "nobody" if not count else f"{count} of {len(column)}"
         whose = "" if count < 2 else "everybody's" if same[blank.id] else "own"
@@ -111,10 +111,10 @@ def _show_handed_out(
     others = "others' answers pass"
     headings = ("blank", "asked of", "right answer", others, "what is asked for")
     show_table(console, headings, rows, right=(others,))
-    if sentence := _forms_text(form_pass_rate(asked), same, passed):
+    if sentence := _forms_text(form_pass_rate(questions), same, passed):
         show_wrapped(console, Text(), sentence, hanging=0)
-    for why, blanks in _blanks_by_reason(asked).items():
-        show_wrapped(console, Text(f"{', '.join(blanks)}: "), _not_asked(why), hanging=2)
+    for why, blanks in _blanks_by_reason(questions).items():
+        show_wrapped(console, Text(f"{', '.join(blanks)}: "), _reason_text(why), hanging=2)
     if Path(exercise.source).parent == FOLDER:
         sentence = (
             "This exercise comes with servobench: its rules are public, and servobench can compute the "
@@ -141,31 +141,31 @@ def _forms_text(whole: float, same: Mapping[str, bool], passed: Mapping[str, flo
     """The sentence about whole forms, and about answers that are the same for everybody; empty with a single student."""
     if math.isnan(whole):
         return ""
-    said = f"In {_percent(whole)} of all pairs, students could hand in each other's whole form and pass."
+    text = f"In {_percent(whole)} of all pairs, students could hand in each other's whole form and pass."
     if all(same[blank] for blank, part in passed.items() if not math.isnan(part)):
         return (
-            f"{said} No question depends on the student's motor: everybody's answers are the same, so the marks "
+            f"{text} No question depends on the student's motor: everybody's answers are the same, so the marks "
             "can't show who did the work."
         )
     blanks = ", ".join(blank for blank, is_same in same.items() if is_same)
     return (
-        f"{said} The same for everybody (a definition or a data sheet gives it): {blanks}."
+        f"{text} The same for everybody (a definition or a data sheet gives it): {blanks}."
         if blanks
-        else said
+        else text
     )
 
 
-def _blanks_by_reason(asked: Sequence[tuple[Question, ...]]) -> dict[str, list[str]]:
+def _blanks_by_reason(questions: Sequence[tuple[Question, ...]]) -> dict[str, list[str]]:
     """The blanks that not every student is asked, by the reason."""
     reasons: dict[str, list[str]] = {}
-    for column in zip(*asked, strict=True):
+    for column in zip(*questions, strict=True):
         question = next((question for question in column if not question.is_answerable), None)
         if question is not None:
             reasons.setdefault(question.why_not, []).append(question.blank.id)
     return reasons
 
 
-def _not_asked(why: str) -> str:
+def _reason_text(why: str) -> str:
     """The exercise's reason why a blank isn't asked of some or all students."""
     return f"not asked if it can't be determined: {why}"
 
@@ -179,8 +179,8 @@ def _percent(part: float) -> str:
 def _handout_data(exercise: Exercise, made: Sequence[Handout], folder: Path) -> dict[str, Any]:
     from servobench.lab.assessment.questions import form_pass_rate, pass_rates, same_for_all
 
-    asked = [each.asked for each in made]
-    passed, same = pass_rates(asked), same_for_all(asked)
+    questions = [each.asked for each in made]
+    passed, same = pass_rates(questions), same_for_all(questions)
     return {
         "schema": HANDED_OUT,
         "exercise": exercise.name,
@@ -197,9 +197,9 @@ def _handout_data(exercise: Exercise, made: Sequence[Handout], folder: Path) -> 
                 "passed_by_others": _finite(passed[column[0].blank.id]),
                 "why_not": next((question.why_not for question in column if question.why_not), None),
             }
-            for column in zip(*asked, strict=True)
+            for column in zip(*questions, strict=True)
         ],
-        "forms_passed_by_others": _finite(form_pass_rate(asked)),
+        "forms_passed_by_others": _finite(form_pass_rate(questions)),
     }
 
 

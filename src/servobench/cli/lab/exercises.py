@@ -48,12 +48,12 @@ def motor_stand(exercise: Exercise, device: str | None) -> MotorStand:
     from servobench.core.errors import UnknownName, UsageError
     from servobench.lab.stand import stand_on_the_twin, stand_with
 
-    asked = exercise.experiment.device
-    if device is None and asked.name == "twin":
+    own = exercise.experiment.device
+    if device is None and own.name == "twin":
         return stand_on_the_twin(exercise)
-    if device is None or device == asked.name:
+    if device is None or device == own.name:
         try:
-            return stand_with(exercise, asked)
+            return stand_with(exercise, own)
         except UnknownName as error:
             if device is not None:
                 raise
@@ -64,4 +64,4 @@ def motor_stand(exercise: Exercise, device: str | None) -> MotorStand:
         'in an exercise of your own, with name = "{}" in [device] and the settings in [device.settings]; for a '
         "recording that there is take `servobench lab do` with --recorded FILE, in place of --device"
     )
-    return stand_with(exercise, device_choice(device, asked, where))
+    return stand_with(exercise, device_choice(device, own, where))

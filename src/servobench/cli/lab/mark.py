@@ -36,7 +36,7 @@ def mark(
 ) -> None:
     """Mark the forms that a class hands back.
 
-    Each is held against the student's own motor.
+    Each is compared with the student's own motor.
     """
     from servobench.cli.lab.exercises import exercise_by_name
     from servobench.cli.progress import Progress, announce_compiling
@@ -90,8 +90,8 @@ def _show_marks(console: Console, found: Marks, stray: Sequence[str], marks: Pat
     rows: list[Any] = []
     for each in found.students:
         wrong = [f"{m.blank} {m.verdict}" for m in each.marks if m.verdict in ("wrong", "missing")]
-        said = "; ".join((*each.notes, *([", ".join(wrong)] if wrong and each.points else [])))
-        rows.append((printable(each.student), f"{each.points} of {each.total}", printable(said)))
+        notes = "; ".join((*each.notes, *([", ".join(wrong)] if wrong and each.points else [])))
+        rows.append((printable(each.student), f"{each.points} of {each.total}", printable(notes)))
     show_table(console, ("student", "points", "what is missing"), rows)
     for sentence in stray:
         say(console, f"! {sentence}")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def show_worked(console: Console, worked: WorkedExercise, *, solution: bool, studies: bool) -> None:
     """Print an exercise: its text and its blanks; with `studies` what its studies found, where they stand, and what it corrects.
 
-    With `solution` the right answers stand beside the blanks, and the studies are shown, too.
+    With `solution` the right answers are shown next to the blanks, and the studies, too.
     """
     opened = solution or studies
     exercise = worked.exercise
@@ -65,10 +65,10 @@ def _show_cut_short(console: Console, worked: WorkedExercise) -> None:
 def show_checked(console: Console, worked: WorkedExercise) -> None:
     """Print what is to be said of the answers that were given, and first, if so, that the run didn't last."""
     _show_cut_short(console, worked)
-    for name, said in worked.checked.items():
-        symbol, style = ("✓", "bold green") if said.right else ("✗", "bold red")
+    for name, checked in worked.checked.items():
+        symbol, style = ("✓", "bold green") if checked.right else ("✗", "bold red")
         head = Text.assemble("  ", (symbol, style), f" {name} = {printable(worked.given[name])}: ")
-        show_wrapped(console, head, line_text(said.sentence), hanging=4)
+        show_wrapped(console, head, line_text(checked.sentence), hanging=4)
 
 
 def show_markdown(console: Console, text: str) -> None:
@@ -108,8 +108,8 @@ def _without_blanks_at_the_end(line: Iterable[Segment]) -> list[Segment]:
 
 def _show_items(console: Console, items: Sequence[PaperItem]) -> None:
     if items:
-        told = "; ".join(f"{each.part}, {each.item}" for each in items)
-        show_wrapped(console, Text("in the paper: ", style="dim"), line_text(told), hanging=2)
+        text = "; ".join(f"{each.part}, {each.item}" for each in items)
+        show_wrapped(console, Text("in the paper: ", style="dim"), line_text(text), hanging=2)
 
 
 def _show_study(console: Console, shown: StudyResult) -> None:
@@ -142,11 +142,11 @@ def _show_blanks(console: Console, worked: WorkedExercise, *, solution: bool) ->
     headings = ("blank", *(("answer",) if solution else ("unit",)), "what is asked for")
     rows: list[Any] = []
     for blank in exercise.blanks:
-        beside = blank.unit
+        answer_text = blank.unit
         if solution:
             answer = answers[blank.id]
-            beside = (answer.text or "not told").replace("−", "-")
-        rows.append((blank.id, beside, line_text(blank.label)))
+            answer_text = (answer.text or "not told").replace("−", "-")
+        rows.append((blank.id, answer_text, line_text(blank.label)))
     show_table(console, headings, rows)
     why_not = [f"{name} isn't told: {answer.why_not}" for name, answer in answers.items() if not answer.text]
     for sentence in (*why_not, *(worked.never_told if solution else ())):

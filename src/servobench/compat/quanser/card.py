@@ -184,13 +184,15 @@ class Card:
         board = self._board()
         return board, groups.inputs(board.layout, groups.one_group(1, given, count)).second
 
-    def _input_count(self, asked: tuple[Any, Any], place: int) -> int:
+    def _input_count(self, channels: tuple[Any, Any], place: int) -> int:
         board = self._board()
-        return len(tuple(groups.inputs(board.layout, groups.one_group(place, *asked)))[place])
+        return len(tuple(groups.inputs(board.layout, groups.one_group(place, *channels)))[place])
 
-    def _output_count(self, asked: tuple[Any, Any], place: int) -> int:
+    def _output_count(self, channels: tuple[Any, Any], place: int) -> int:
         board = self._board()
-        return len(tuple(groups.outputs(board.layout, groups.one_group(place, *asked), pwm=board.pwm))[place])
+        return len(
+            tuple(groups.outputs(board.layout, groups.one_group(place, *channels), pwm=board.pwm))[place]
+        )
 
     def _input_values(self, channels: Any, count: Any, given: Any, kind: Any) -> Any:
         number = self._input_count((channels, count), 0)

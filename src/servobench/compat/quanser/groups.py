@@ -41,7 +41,7 @@ def one_array(place: int, array: object) -> tuple[object, ...]:
     return tuple(array if number == place else None for number in range(_GROUPS))
 
 
-def inputs(layout: Layout, asked: GroupChannels) -> Groups:
+def inputs(layout: Layout, channels: GroupChannels) -> Groups:
     """Return input channels that the board has; raises `HILError` for others."""
     known: tuple[Sequence[int], ...] = (
         range(layout.analog_inputs),
@@ -49,12 +49,12 @@ def inputs(layout: Layout, asked: GroupChannels) -> Groups:
         range(layout.digital_inputs),
         layout.other_inputs,
     )
-    return _groups(asked, known, _INPUTS, "INPUT")
+    return _groups(channels, known, _INPUTS, "INPUT")
 
 
-def outputs(layout: Layout, asked: GroupChannels, *, pwm: bool) -> Groups:
+def outputs(layout: Layout, channels: GroupChannels, *, pwm: bool) -> Groups:
     """Return output channels that the board has; `pwm` says whether it drives its motor by PWM, in the analog output's place."""
-    if asked[1][1] and not pwm:
+    if channels[1][1] and not pwm:
         raise hil_error(Code.PWM_OUTPUTS_NOT_SUPPORTED)
     known: tuple[Sequence[int], ...] = (
         range(0 if pwm else layout.analog_outputs),
@@ -62,12 +62,14 @@ def outputs(layout: Layout, asked: GroupChannels, *, pwm: bool) -> Groups:
         range(layout.digital_outputs),
         layout.other_outputs,
     )
-    return _groups(asked, known, _OUTPUTS, "OUTPUT")
+    return _groups(channels, known, _OUTPUTS, "OUTPUT")
 
 
-def _groups(asked: GroupChannels, known: Sequence[Sequence[int]], kinds: Sequence[str], way: str) -> Groups:
+def _groups(
+    requested: GroupChannels, known: Sequence[Sequence[int]], kinds: Sequence[str], way: str
+) -> Groups:
     found = {}
-    for name, kind, exist, (given, count) in zip(_NAMES, kinds, known, asked, strict=True):
+    for name, kind, exist, (given, count) in zip(_NAMES, kinds, known, requested, strict=True):
         found[name] = channels(given, count, f"{kind} channels", Code[f"MISSING_{kind.upper()}_{way}S"])
         for channel in found[name]:
             if channel not in exist:
@@ -79,9 +81,13 @@ def results(groups: Groups, arrays: Sequence[object], samples: int = 1) -> tuple
     """Return the caller's arrays for what is read, checked before anything is."""
     return tuple(
         output(
-            given, len(asked) * samples, kind, f"{name} buffer", Code[f"MISSING_{name.upper()}_INPUT_BUFFER"]
+            given,
+            len(channels) * samples,
+            kind,
+            f"{name} buffer",
+            Code[f"MISSING_{name.upper()}_INPUT_BUFFER"],
         )
-        for given, asked, kind, name in zip(arrays, groups, _IN_TYPES, _INPUTS, strict=True)
+        for given, channels, kind, name in zip(arrays, groups, _IN_TYPES, _INPUTS, strict=True)
     )
 
 
@@ -99,16 +105,16 @@ def rows(groups: Groups, arrays: Sequence[object], samples: int = 1) -> list[Row
         finite(
             values(
                 given,
-                len(asked) * samples,
+                len(channels) * samples,
                 kind,
                 f"{name} buffer",
                 Code[f"MISSING_{name.upper()}_OUTPUT_BUFFER"],
             ),
             f"{name} output",
         )
-        for given, asked, kind, name in zip(arrays, groups, _OUT_TYPES, _OUTPUTS, strict=True)
+        for given, channels, kind, name in zip(arrays, groups, _OUT_TYPES, _OUTPUTS, strict=True)
     ]
-    widths = [len(asked) for asked in groups]
+    widths = [len(channels) for channels in groups]
     return [_sample(flat, widths, number) for number in range(samples)]
 
 

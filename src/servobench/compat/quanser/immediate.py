@@ -14,26 +14,30 @@ from servobench.compat.quanser.errors import Code
 from servobench.compat.quanser.groups import GroupChannels
 
 
-def _read(board: Board, asked: GroupChannels, arrays: tuple[Any, ...]) -> None:
-    chosen = groups.inputs(board.layout, asked)
+def _read(board: Board, channels: GroupChannels, arrays: tuple[Any, ...]) -> None:
+    chosen = groups.inputs(board.layout, channels)
     found = groups.results(chosen, arrays)
     with board.call():
         groups.fill(found, [board.latch(chosen)])
 
 
-def _write(board: Board, asked: GroupChannels, arrays: tuple[Any, ...]) -> None:
-    chosen = groups.outputs(board.layout, asked, pwm=board.pwm)
+def _write(board: Board, channels: GroupChannels, arrays: tuple[Any, ...]) -> None:
+    chosen = groups.outputs(board.layout, channels, pwm=board.pwm)
     row = groups.rows(chosen, arrays)[0]
     with board.call():
         board.put(chosen, row)
 
 
 def _read_write(
-    board: Board, asked: GroupChannels, wanted: GroupChannels, arrays: tuple[Any, ...], given: tuple[Any, ...]
+    board: Board,
+    in_channels: GroupChannels,
+    out_channels: GroupChannels,
+    arrays: tuple[Any, ...],
+    given: tuple[Any, ...],
 ) -> None:
     """Read, then write, in one call."""
-    inputs = groups.inputs(board.layout, asked)
-    outputs = groups.outputs(board.layout, wanted, pwm=board.pwm)
+    inputs = groups.inputs(board.layout, in_channels)
+    outputs = groups.outputs(board.layout, out_channels, pwm=board.pwm)
     found, row = groups.results(inputs, arrays), groups.rows(outputs, given)[0]
     with board.call():
         groups.fill(found, [board.latch(inputs)])
@@ -91,13 +95,13 @@ class Immediate(Card):
         other_buffer: Any,
     ) -> None:
         """Read inputs of all groups at one time."""
-        asked = (
+        channels = (
             (analog_channels, num_analog_channels),
             (encoder_channels, num_encoder_channels),
             (digital_channels, num_digital_channels),
             (other_channels, num_other_channels),
         )
-        _read(self._board(), asked, (analog_buffer, encoder_buffer, digital_buffer, other_buffer))
+        _read(self._board(), channels, (analog_buffer, encoder_buffer, digital_buffer, other_buffer))
 
     def write_analog(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Write analog outputs: channel 0 is the motor's voltage [V]."""
@@ -143,13 +147,13 @@ class Immediate(Card):
         other_buffer: Any,
     ) -> None:
         """Write outputs of all groups at one time."""
-        wanted = (
+        channels = (
             (analog_channels, num_analog_channels),
             (pwm_channels, num_pwm_channels),
             (digital_channels, num_digital_channels),
             (other_channels, num_other_channels),
         )
-        _write(self._board(), wanted, (analog_buffer, pwm_buffer, digital_buffer, other_buffer))
+        _write(self._board(), channels, (analog_buffer, pwm_buffer, digital_buffer, other_buffer))
 
     def read_analog_write_analog(
         self,
@@ -231,13 +235,13 @@ class Immediate(Card):
         other_output_buffer: Any,
     ) -> None:
         """Read inputs of all groups, then write outputs of all groups."""
-        asked = (
+        in_channels = (
             (analog_input_channels, num_analog_input_channels),
             (encoder_input_channels, num_encoder_input_channels),
             (digital_input_channels, num_digital_input_channels),
             (other_input_channels, num_other_input_channels),
         )
-        wanted = (
+        out_channels = (
             (analog_output_channels, num_analog_output_channels),
             (pwm_output_channels, num_pwm_output_channels),
             (digital_output_channels, num_digital_output_channels),
@@ -245,4 +249,4 @@ class Immediate(Card):
         )
         arrays = (analog_input_buffer, encoder_input_buffer, digital_input_buffer, other_input_buffer)
         given = (analog_output_buffer, pwm_output_buffer, digital_output_buffer, other_output_buffer)
-        _read_write(self._board(), asked, wanted, arrays, given)
+        _read_write(self._board(), in_channels, out_channels, arrays, given)

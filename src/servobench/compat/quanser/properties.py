@@ -53,14 +53,14 @@ class Properties(Card):
         """Fetch properties that are whole numbers."""
         board = self._board()
         count = whole_number(num_properties, "num_properties")
-        asked = values(properties, count, INT, "properties", Code.INVALID_ARGUMENT)
+        numbers = values(properties, count, INT, "properties", Code.INVALID_ARGUMENT)
         found = output(buffer, count, INT, "property buffer", Code.INVALID_ARGUMENT)
         with board.call(guarded=False):
             known = _integers(board)
-            for code in asked:
+            for code in numbers:
                 if code not in known:
                     raise hil_error(Code.INVALID_ARGUMENT, f"there is no whole-number property {code}.")
-            found.fill(known[code] for code in asked)
+            found.fill(known[code] for code in numbers)
 
     def get_double_property(self, properties: Any, num_properties: Any, buffer: Any) -> None:
         """Fetch properties that are other numbers; a QUBE has none."""

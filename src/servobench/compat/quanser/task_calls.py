@@ -36,12 +36,12 @@ class TaskCalls(Card):
             board.tasks.append(task)
         return task
 
-    def _reader(self, size: Any, asked: GroupChannels) -> Task:
-        return self._add("reader", size, groups.inputs(self._board().layout, asked))
+    def _reader(self, size: Any, channels: GroupChannels) -> Task:
+        return self._add("reader", size, groups.inputs(self._board().layout, channels))
 
-    def _writer(self, size: Any, wanted: GroupChannels) -> Task:
+    def _writer(self, size: Any, channels: GroupChannels) -> Task:
         board = self._board()
-        return self._add("writer", size, groups.outputs(board.layout, wanted, pwm=board.pwm))
+        return self._add("writer", size, groups.outputs(board.layout, channels, pwm=board.pwm))
 
     def task_create_analog_reader(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that reads analog inputs."""
@@ -72,13 +72,13 @@ class TaskCalls(Card):
         num_other_channels: Any,
     ) -> Task:
         """Return a task that reads inputs of all groups."""
-        asked = (
+        channels = (
             (analog_channels, num_analog_channels),
             (encoder_channels, num_encoder_channels),
             (digital_channels, num_digital_channels),
             (other_channels, num_other_channels),
         )
-        return self._reader(samples_in_buffer, asked)
+        return self._reader(samples_in_buffer, channels)
 
     def task_create_analog_writer(self, samples_in_buffer: Any, channels: Any, num_channels: Any) -> Task:
         """Return a task that writes analog outputs."""
@@ -109,13 +109,13 @@ class TaskCalls(Card):
         num_other_channels: Any,
     ) -> Task:
         """Return a task that writes outputs of all groups."""
-        wanted = (
+        channels = (
             (analog_channels, num_analog_channels),
             (pwm_channels, num_pwm_channels),
             (digital_channels, num_digital_channels),
             (other_channels, num_other_channels),
         )
-        return self._writer(samples_in_buffer, wanted)
+        return self._writer(samples_in_buffer, channels)
 
     def task_create_reader_writer(
         self,

@@ -20,7 +20,7 @@ class Timebase:
     """The time since the stand-in was installed [s].
 
     Simulated time stands still unless it is spent or waited for. It is paced by the wall clock as soon as the program has a
-    second thread, unless threads are ignored: nobody can tell what a thread that isn't waiting is doing.
+    second thread, unless threads are ignored: it is unknown what a thread that isn't waiting is doing.
     """
 
     def __init__(self, *, paced: bool, ignore_threads: bool = False) -> None:

@@ -20,7 +20,7 @@ from servobench.compat.quanser.timebase import LOOK, Timebase
 
 _OWN = str(Path(__file__).parents[2])  # servobench itself, wherever it is installed
 _PACKAGE = re.compile(r".*[\\/](?:site|dist)-packages[\\/][^\\/]+")
-_PAUSE = 0.1  # s; whoever answers faster is a file or a pipe, and repeats itself only if that takes no time
+_PAUSE = 0.1  # s; a faster answer comes from a file or a pipe, and repeats itself only if that takes no time
 _TOO_LONG, _MOST = 1.0, 0.9  # s, and the share of the wall clock that makes it a wait and not a computation
 
 # Kept here, as the names in `time` are replaced later.

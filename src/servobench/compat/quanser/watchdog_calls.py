@@ -23,8 +23,8 @@ class WatchdogCalls(Card):
 
     def _outputs(self, place: int, given: Any, count: Any) -> tuple[int, ...]:
         board = self._require_watchdog()
-        asked = groups.one_group(place, given, count)
-        return tuple(groups.outputs(board.layout, asked, pwm=board.pwm))[place]
+        channels = groups.one_group(place, given, count)
+        return tuple(groups.outputs(board.layout, channels, pwm=board.pwm))[place]
 
     def watchdog_set_analog_expiration_state(self, channels: Any, num_channels: Any, voltages: Any) -> None:
         """Choose the voltage that is put out when the watchdog expires [V]."""

@@ -31,7 +31,7 @@ _AGREES = 3.0  # standard deviations of the wider estimate
 
 
 def as_it_is(fit: Fit) -> Fit:
-    """Return the fit itself, of an estimator that was asked for by its name."""
+    """Return the fit itself, of an estimator that was requested by its name."""
     return fit
 
 
@@ -74,7 +74,7 @@ def with_counts_as_bins(fit: Fit) -> Fit:
 
     A shaft at rest, or one that turns back, is rounded the same way for many samples. Output error takes the middle of each
     count for as many readings, and so errs by several times what white rounding would make; its intervals say so. A count that
-    is taken for the bin that it is says no more than that the shaft was in it.
+    counts as the bin that it is says no more than that the shaft was in it.
     """
     if fit.estimator != "output_error" or fit.budget or not _rounding_lasts(fit):
         return fit

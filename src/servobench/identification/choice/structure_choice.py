@@ -91,7 +91,7 @@ def choose_structure(
     estimator: str,
     allow: Callable[[Fit], Fit],
 ) -> Choice:
-    """Return the fit of the structure asked for, or of the one that the data need ("auto").
+    """Return the fit of the requested structure, or of the one that the data need ("auto").
 
     `allow` makes of a fit one that allows for what disturbs the motor. Raises `NotIdentifiable` where the data can't support it,
     and `UsageError` where a structure and an estimator were named that can't go together.
@@ -151,7 +151,7 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     """The base and its fit as it is allowed for; that with Coulomb friction if only a filter for a random torque shows it.
 
     What a random torque does to the position hides a little friction from a simulation. The innovations are white, and twice the
-    logarithm of their likelihoods' ratio is held against Schwarz's criterion.
+    logarithm of their likelihoods' ratio is compared with Schwarz's criterion.
     """
     fit = allow(base.fit)
     rival = base.fits.get("first_order_coulomb")

@@ -159,7 +159,7 @@ def is_usual(fit: Fit) -> bool:
 
 
 def finding(minimum: Minimum, prior: DelayPrior, covariance: Array) -> Finding:
-    """Return what to say of a delay that is expected and not told; `covariance` (P, P) is that with the prior."""
+    """Return what to say of a delay that is expected and not determined; `covariance` (P, P) is that with the prior."""
     value, half = minimum.theta[prior.at], TWO_SIDED * float(np.sqrt(covariance[prior.at, prior.at]))
     usual = abs(value - prior.middle) <= prior.scale
     why = (

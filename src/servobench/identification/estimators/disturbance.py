@@ -425,7 +425,7 @@ class WhitenedStructure:
 
 
 def longest_block(disturbance: Disturbance | None, tau: float, data: Dataset, quick: float = _QUICK) -> float:
-    """Return how long [s] a block of a record may be: short beside τ, and beside the filter's memory where that is known.
+    """Return how long [s] a block of a record may be: short compared with τ, and with the filter's memory if that is known.
 
     `quick` is the part of the memory. A block of a whole one is right for the size of the disturbance, as rounding is white over
     it; but with it the parameters depend on where the blocks happen to begin, by up to 0.9 of a standard deviation.

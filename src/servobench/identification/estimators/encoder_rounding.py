@@ -61,7 +61,7 @@ def counts_in_place(
 
     The true position is within half a count of the middle of its own. The prediction's standard deviation is about
     Q √(p / 12 N) for p `unknowns` and N samples, so that about 0.8 of it, over Q, of the counts come out on the wrong side.
-    So many `times` over are taken for chance. Stricter than any test of colour: slow beats of speed and encoder look like
+    So many `times` over count as chance. Stricter than any test of colour: slow beats of speed and encoder look like
     a wandering shaft, but leave no count in the wrong place.
     """
     wrong, samples = 0, 0

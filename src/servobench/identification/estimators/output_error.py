@@ -110,7 +110,7 @@ def fit_minimum_roughly(structure: Structure, data: Sequence[Dataset], minimum: 
 def _roughly(
     structure: Structure, data: Sequence[Dataset], minimum: Minimum
 ) -> tuple[Fit, Minimum, DelayPrior | None]:
-    """The fit, the place that it is at, and the prior of a delay that isn't told."""
+    """The fit, the place that it is at, and the prior of a delay that isn't determined."""
     variance, covariance = uncertainty(structure, data, minimum)
     ends = (*minimum.others, (minimum.theta, minimum.cost))
     findings: list[Finding] = []

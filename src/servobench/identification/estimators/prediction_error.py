@@ -147,7 +147,7 @@ def disturbance_test(fit: Fit) -> Profile | None:
 def linearise(
     structure: Structure, data: Sequence[Dataset], theta: Array, noise: Disturbance | None
 ) -> Linearisation:
-    """Return the records near theta (P + ΣQ,), in blocks that are short beside τ and beside the memory of a noise model."""
+    """Return the records near theta (P + ΣQ,), in blocks short compared with τ and with a noise model's memory."""
     layout = Layout(structure, tuple(data))
     lower, upper = layout.bounds()
     tau = time_constant(structure, theta)
@@ -181,7 +181,7 @@ def _profile(
 ) -> Profile:
     """The likelihood of disturbances near theta.
 
-    Blocks that are short beside τ may still be long beside the memory of the filter; then it is done again with shorter ones.
+    Blocks short compared with τ may still be long compared with the filter's memory; then shorter ones are tried.
     """
     tau = time_constant(structure, theta)
     noise = earlier.disturbance if earlier else None
@@ -220,7 +220,7 @@ def _each_record(layout: Layout) -> list[tuple[Dataset, NDArray[np.int64]]]:
 
 
 def _columns(structure: Structure, data: Dataset, theta: Array) -> Array:
-    """The residual and the Jacobian of a record beside each other (M, 1 + P + Q)."""
+    """The residual and the Jacobian of a record side by side (M, 1 + P + Q)."""
     prediction = structure.predict(theta, data)
     return np.column_stack([data.y - prediction.y, prediction.jacobian])
 

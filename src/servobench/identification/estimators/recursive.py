@@ -33,7 +33,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _KEPT = 20_000  # samples that may still be gone through again
 _FIRST = 200  # samples, before a first look
-_LATER = 0.3  # of the samples so far: so many more before the reference is looked at again
+_LATER = 0.3  # of the samples so far: so many more before the reference is examined again
 _SETTLES = 2.0  # time constants, after which a start state is determined
 _AT_ONCE = 1000  # samples of a record
 _PLACES = {
@@ -181,7 +181,7 @@ class Recursive:
         return None if self._motion is None else self._motion.reference
 
     def estimate(self) -> dict[str, tuple[float, float]]:
-        """Return value and standard deviation of each parameter by name, in SI units; empty as long as nothing can be told."""
+        """Return value and standard deviation of each parameter by name, in SI units; empty as long as nothing is known."""
         found, now = self._answer(), self._now()
         if found is None or now is None:
             return {}
@@ -191,7 +191,7 @@ class Recursive:
 
     @property
     def covariance(self) -> Array | None:
-        """The covariance (P, P) of the parameters in the order of `estimate`; None as long as nothing can be told."""
+        """The covariance (P, P) of the parameters in the order of `estimate`; None as long as nothing is known."""
         found = self._answer()
         if found is None:
             return None
@@ -210,7 +210,7 @@ class Recursive:
 
     @property
     def disturbance(self) -> Disturbance | None:
-        """The likeliest random torque, with the measurement noise of a sample; None as long as nothing can be told."""
+        """The likeliest random torque, with the measurement noise of a sample; None as long as nothing is known."""
         found = self._answer()
         if found is None or self._motion is None:
             return None
@@ -241,7 +241,7 @@ class Recursive:
         return self._found
 
     def _now(self) -> Array | None:
-        """The reference (7,) moved to where the estimate is; None as long as nothing can be told."""
+        """The reference (7,) moved to where the estimate is; None as long as nothing is known."""
         found, motion = self._answer(), self._motion
         if found is None or motion is None:
             return None
@@ -307,7 +307,7 @@ class RecursiveFit:
     def fit(
         self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
     ) -> Fit:
-        """Return the fit after the last sample; raises `NotIdentifiable` where nothing could be told by then."""
+        """Return the fit after the last sample; raises `NotIdentifiable` where nothing was known by then."""
         lacking = self.supports(structure, data)
         if lacking is not None or not isinstance(structure, FirstOrder):
             raise NotIdentifiable(

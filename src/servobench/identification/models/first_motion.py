@@ -59,7 +59,7 @@ def _standstill_time(data: Dataset) -> float:
 
 
 def _margin(record: Dataset) -> float:
-    """A sample time, of the one of input and output that is sampled more seldom."""
+    """A sample time, of the one of input and output that is sampled more rarely."""
     steps = [step for step in (record.sample_time, record.input_step) if np.isfinite(step)]
     return max(steps)
 

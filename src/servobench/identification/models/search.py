@@ -329,7 +329,7 @@ class _ChainedRecord:
         return linear[: len(self.structure.nuisance(self.data))]
 
     def _columns(self, tau: float, delay: float) -> Array:
-        """A and y beside each other."""
+        """A and y side by side."""
         unit, data = self.structure.with_parameters((GAIN, TIME_CONSTANT, OFFSET, DELAY)), self.data
         theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
         theta[:4] = (1.0, tau, 0.0, delay)

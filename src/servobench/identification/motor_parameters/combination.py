@@ -176,7 +176,7 @@ def _solve(joint: Observation, start: dict[str, float]) -> _Solution:
 def _whitener(covariance: Array) -> Array:
     """A matrix W (N, N) with W C W' = 1, computed in units of the standard deviations.
 
-    A combination of numbers that is known to less than a hundred-thousandth of the others' is taken for known to that.
+    A combination of numbers that is known to less than a hundred-thousandth of the others' counts as known to that.
     """
     sd = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(sd, sd))
@@ -235,7 +235,7 @@ def _about(solution: _Solution, fit: Fit, joint: Observation) -> list[Finding]:
 
 
 def _open(names: Sequence[str], fit: Fit) -> Finding:
-    """The motor that voltage and shaft can't tell from others, and what would."""
+    """The motor that voltage and shaft can't distinguish from others, and what would."""
     k = 1.0 / fit.model["gain"]
     sentence = (
         f"{_first_upper(_list_text(names))} can't be separated: a motor with twice the resistance and half the inertia "

@@ -50,7 +50,7 @@ class Explanation:
     findings: tuple[Finding, ...]
     """Remarks on the data."""
     origin: Origin
-    """Whose figures are held against the data: a claim's, or a data sheet's."""
+    """Whose figures are compared with the data: a claim's, or a data sheet's."""
     differences: tuple[Difference, ...] = ()
     agrees: bool = False
     readings: tuple[Reading, ...] = ()

@@ -47,7 +47,7 @@ def differences_told(differences: Sequence[Difference], question: Question) -> l
 def sentences(
     question: Question, causes: Sequence[JudgedCause], hypotheses: Sequence[Hypothesis], alike: Sequence[str]
 ) -> list[str]:
-    """Return what explains the difference: the first cause, what it leaves, what can't be told from it, and what is ruled out."""
+    """Return the explanation: the first cause, what it leaves, what can't be distinguished from it, and what is ruled out."""
     first = causes[0]
     other = next(each.probability for each in hypotheses if each.causes == (SOMETHING_ELSE,))
     if other > _LIKELY:
@@ -65,7 +65,7 @@ def sentences(
     return told  # fmt: skip
 
 
-_OPEN = ("above ", "below ")  # an end that is beyond what was looked at
+_OPEN = ("above ", "below ")  # an end that is beyond what was examined
 
 
 def size_range_text(size: Size) -> str:
@@ -82,7 +82,7 @@ def size_range_text(size: Size) -> str:
 def likeliest(
     question: Question, causes: Sequence[JudgedCause], hypotheses: Sequence[Hypothesis], alike: Sequence[str]
 ) -> list[str]:
-    """Return what the first cause explains, what it leaves, and what can't be told from it; nothing where none is possible."""
+    """Return what the first cause explains and leaves, and what can't be distinguished from it; nothing if none is possible."""
     first = causes[0]
     if not first.possible:
         return []

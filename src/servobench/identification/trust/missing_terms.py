@@ -247,7 +247,7 @@ def with_missing_terms(fit: Fit, shown: Sequence[TermScore]) -> Fit:
 def _within_reach(fit: Fit, off: Array) -> Array:
     """A change of the parameters (P,), shortened to where neither gain nor time constant changes by more than its own value.
 
-    By then they aren't known, and the linear step that it comes from says nothing any more of what is known of them together.
+    By then they aren't known, and the linear step that it comes from no longer shows what is known of them together.
     """
     at = [
         n
@@ -287,7 +287,7 @@ def _finding(code: str, shown: TermScore, alike: Sequence[str]) -> Finding:
 
 
 def superfluous_terms(fit: Fit) -> list[Finding]:
-    """Return what a rational structure has too much of: a coefficient that can't be told from zero, or no integrator of its own.
+    """Return a rational structure's faults: a coefficient that can't be distinguished from zero, or no integrator.
 
     That is what an order more, or an integrator less, than the motor has would leave near zero.
     """

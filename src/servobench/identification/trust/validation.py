@@ -69,7 +69,7 @@ def explains_the_colour(fit: Fit) -> bool:
     """Return whether nothing but white noise or the encoder's rounding is left of the innovations.
 
     The rounding of an ideal encoder is coloured by nature, but hardly at the low frequencies that carry the parameters. Beside a
-    disturbance these frequencies are looked at by themselves: a torque that isn't white may hide below the rounding.
+    disturbance these frequencies are examined by themselves: a torque that isn't white may hide below the rounding.
     """
     if fit.disturbance is not None and max(_slow_colour(fit, record) for record in fit.records) > _SLOW:
         return False

@@ -22,7 +22,7 @@ from servobench.identification.uncertainty.score_test import SMALL, Motion, Scor
 
 _WARMER = 0.1  # of the resistance, over a record: 25 K
 _PLAY = float(np.deg2rad(0.5))  # rad, of a gear
-_TYPICAL = 0.5  # of that: what it does isn't in proportion to its size, and is taken for one in the middle
+_TYPICAL = 0.5  # of that: what it does isn't in proportion to its size, and counts as one in the middle
 
 
 def with_small_departures(fit: Fit) -> Fit:

@@ -1,6 +1,6 @@
 """A time constant that isn't resolved: what hangs together with it is held to be known only for the whole of what it may be.
 
-Behind a ramp the friction u_c and the lag a τ of a slope a are told as their sum only. Where the interval of τ is wider than half
+Behind a ramp only the sum of the friction u_c and the lag a τ of a slope a is known. Where the interval of τ is wider than half
 of its value the answer is a bound from above (`answers`): it may be anything down to zero; where there is no answer, anything up
 to its interval's upper end, or the record's length. By the normal law the others follow it with the slope C_iτ / C_ττ, and get
 the variance that they lack until 95 % of the intervals reach as far.

@@ -33,7 +33,7 @@ def priors(fit: Fit, scale: Array) -> Array:
 def root_of_covariance(fit: Fit, jacobian: Array, scale: Array, variance: float) -> Array:
     """Return R⁻¹ (P + ΣQ, P + ΣQ): the covariance by white noise of that variance is variance R⁻¹R⁻ᵀ, in units of the scales.
 
-    By QR and not by J'J: where two parameters are told together only, differences of huge numbers would come out as variances
+    By QR and not by J'J: where two parameters are known together only, differences of huge numbers would come out as variances
     below zero.
     """
     weights = np.sqrt(variance) * np.diag(1.0 / priors(fit, scale))

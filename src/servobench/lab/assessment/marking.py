@@ -87,8 +87,8 @@ def mark(
 def marks_table(marks: Marks) -> str:
     """Return the marks as CSV: a row for each student, and for each blank the verdict, the answer and what is said of it."""
     ids = [each.blank for each in marks.students[0].marks]
-    beside = [(name, f"{name}: answer", f"{name}: what is said") for name in ids]
-    head = ["student", "points", "of", *(cell for three in beside for cell in three), "notes"]
+    columns = [(name, f"{name}: answer", f"{name}: what is said") for name in ids]
+    head = ["student", "points", "of", *(cell for three in columns for cell in three), "notes"]
     rows = [
         [
             each.student,
@@ -132,10 +132,10 @@ def _first(by_place: dict[str, str], places: Sequence[str]) -> str | None:
 
 
 def _mark_student(
-    student: Student, forms: list[Form], stand: MotorStand, asked: list[Question]
+    student: Student, forms: list[Form], stand: MotorStand, questions: list[Question]
 ) -> StudentMarks:
     form, notes = _choose_form(forms)
-    known = {question.blank.id for question in asked}
+    known = {question.blank.id for question in questions}
     if form is not None:
         notes += form.notes
         others = sorted(name[:40] for name, text in form.answers.items() if name not in known and text)
@@ -143,7 +143,7 @@ def _mark_student(
             notes += (f"Answers to questions that weren't asked: {', '.join(map(repr, others))}.",)
     return StudentMarks(
         student=student.id,
-        marks=tuple(_mark(question, form, stand) for question in asked),
+        marks=tuple(_mark(question, form, stand) for question in questions),
         notes=notes,
     )
 
@@ -167,9 +167,9 @@ def _mark(question: Question, form: Form | None, stand: MotorStand) -> Mark:
         gone = form is not None and blank.id not in form.answers
         sentence = "The form has no such line." if gone else "There is no answer."
         return Mark(blank=blank.id, verdict="missing", given="", sentence=sentence)
-    said = _check(question, given, stand)
+    checked = _check(question, given, stand)
     return Mark(
-        blank=blank.id, verdict="right" if said.right else "wrong", given=given, sentence=said.sentence
+        blank=blank.id, verdict="right" if checked.right else "wrong", given=given, sentence=checked.sentence
     )
 
 

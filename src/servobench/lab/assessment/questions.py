@@ -40,17 +40,17 @@ def questions(exercise: Exercise, stand: MotorStand) -> tuple[Question, ...]:
     return tuple(_question(exercise, blank, stand) for blank in exercise.blanks)
 
 
-def all_blanks(asked: Sequence[tuple[Question, ...]]) -> tuple[Blank, ...]:
+def all_blanks(questions: Sequence[tuple[Question, ...]]) -> tuple[Blank, ...]:
     """Return the blanks that at least one of the students is asked, in the exercise's order."""
     return tuple(
-        column[0].blank for column in zip(*asked, strict=True) if any(q.is_answerable for q in column)
+        column[0].blank for column in zip(*questions, strict=True) if any(q.is_answerable for q in column)
     )
 
 
-def pass_rates(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
+def pass_rates(questions: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
     """Return, by blanks, which part of the right answers of others would pass for a student's own; NaN with one student alone."""
     found = {}
-    for column in zip(*asked, strict=True):
+    for column in zip(*questions, strict=True):
         known = [question for question in column if question.is_answerable]
         pairs = [(mine, other) for mine in known for other in known if mine is not other]
         passed = sum(abs(other.right - mine.right) <= mine.allowed for mine, other in pairs)
@@ -58,18 +58,18 @@ def pass_rates(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
     return found
 
 
-def same_for_all(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, bool]:
+def same_for_all(questions: Sequence[tuple[Question, ...]]) -> Mapping[str, bool]:
     """Return for each blank whether all students have the same right answer; False with a single student."""
     found = {}
-    for column in zip(*asked, strict=True):
+    for column in zip(*questions, strict=True):
         right = [question.right for question in column if question.is_answerable]
         found[column[0].blank.id] = len(right) > 1 and all(each == right[0] for each in right)
     return found
 
 
-def form_pass_rate(asked: Sequence[tuple[Question, ...]]) -> float:
+def form_pass_rate(questions: Sequence[tuple[Question, ...]]) -> float:
     """Return the share of other students' whole forms that would pass as a student's own; NaN with a single student."""
-    pairs = [(mine, other) for mine in asked for other in asked if mine is not other]
+    pairs = [(mine, other) for mine in questions for other in questions if mine is not other]
     passed = sum(
         all(
             abs(b.right - a.right) <= a.allowed

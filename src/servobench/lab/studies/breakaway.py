@@ -55,7 +55,7 @@ class Breakaway(StudySettings):
     sample_time: PositiveTime = 0.01
     """Sample time of all runs [s]."""
     voltage: Voltage = 0.5
-    """Voltage at which the speed is looked at [V]."""
+    """Voltage at which the speed is examined [V]."""
     cases: Annotated[tuple[Case, ...], Field(min_length=1)] = (
         Case(coulomb_torque=0.0),
         Case(),
@@ -120,14 +120,14 @@ class Breakaway(StudySettings):
             low, high = (x, high) if 0.5 * x * x - x - math.expm1(-x) < turned else (low, x)
         return rate * tau * 0.5 * (low + high)
 
-    def _ramp(self, asked: Experiment) -> Experiment:
+    def _ramp(self, experiment: Experiment) -> Experiment:
         signal = Ramp(initial=0.0, final=self.to, start=0.0, duration=self.duration)
-        return asked.model_copy(
+        return experiment.model_copy(
             update={"signal": signal, "duration": self.duration, "sample_time": self.sample_time}
         )
 
-    def _hold(self, asked: Experiment) -> Experiment:
-        return asked.model_copy(
+    def _hold(self, experiment: Experiment) -> Experiment:
+        return experiment.model_copy(
             update={
                 "signal": Constant(value=self.voltage),
                 "duration": _STEADY,

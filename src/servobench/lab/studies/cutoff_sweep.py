@@ -47,7 +47,7 @@ class CutoffSweep(StudySettings):
     discretisation: Discretisation = "euler"
     """The filter's computation: euler (as the paper's simulation loop does), zoh or tustin."""
     voltage: Voltage | None = None
-    """Constant voltage at which the noise is looked at; without it the highest of the exercise's signal [V]."""
+    """Constant voltage at which the noise is examined; without it the highest of the exercise's signal [V]."""
 
     def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of the sweep, the filtered speeds, and the cut-off with the smallest error of a reading."""

@@ -88,7 +88,7 @@ class FourExperiments(StudySettings):
         duration = (
             self.duration if not isinstance(signal, Sine) else max(2, round(self.duration / period)) * period
         )
-        asked = Experiment(
+        experiment = Experiment(
             name=name,
             signal=signal,
             controller=OpenLoop(),
@@ -98,7 +98,7 @@ class FourExperiments(StudySettings):
             limits=stand.experiment.limits,
             seed=stand.experiment.seed,
         )
-        recording = stand.run(asked)
+        recording = stand.run(experiment)
         position = measure(recording)
         return _Run(
             name=name,
@@ -115,7 +115,7 @@ class FourExperiments(StudySettings):
 
     def _figure(self, runs: list[_Run]) -> Illustration:
         courses = tuple(_course(run) for run in runs)
-        told = "; ".join(
+        caption = "; ".join(
             f"{run.name}: speed up to {with_unit(_largest(run.speed.y), 'rad/s', 3)}, position at the end "
             f"{with_unit(float(run.position.y[-1]), 'rad', 3)}"
             for run in runs
@@ -124,7 +124,7 @@ class FourExperiments(StudySettings):
             name="four-experiments",
             title="Four bounded inputs: voltage, speed and position",
             caption="The speed is behind the filter 50/(s + 50). Note the scales of the position.",
-            description=f"{told}. The frequency of the sinusoids is {plain(self.frequency)} Hz.",
+            description=f"{caption}. The frequency of the sinusoids is {plain(self.frequency)} Hz.",
             courses=courses,
         )
 

@@ -162,7 +162,7 @@ class MarginalGain(OfAMotor):
         """Time and speed from shortly after the ramp on, while the swings stay within half of the speed."""
         own = stand.experiment
         ramp = Ramp(final=self.speed, duration=0.5)
-        asked = Experiment(
+        experiment = Experiment(
             name=f"gain {k:g}",
             signal=ramp,
             controller=self._law(k),
@@ -172,7 +172,7 @@ class MarginalGain(OfAMotor):
             limits=own.limits,
             seed=own.seed,
         )
-        data = measure(stand.run(asked), "derivative | lowpass 50 rad/s")
+        data = measure(stand.run(experiment), "derivative | lowpass 50 rad/s")
         after = data.t_output > ramp.duration + _SETTLED
         t, y = data.t_output[after], data.y[after]
         wide = np.flatnonzero(np.abs(y - self.speed) > 0.5 * self.speed)

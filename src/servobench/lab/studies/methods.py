@@ -61,7 +61,7 @@ class _Method:
 
 @STUDIES.member("methods")
 class Methods(StudySettings):
-    """Gain and time constant of the exercise's recording by every method, held against the simulated motor's own.
+    """Gain and time constant of the exercise's recording by every method, compared with the simulated motor's own.
 
     `error` is that of the time constant, `sds` the same in standard deviations that the method states for itself: far above 3 is
     a bias that it doesn't know of. `cost` is the computing time here and now [ms], which depends on the machine.
@@ -252,11 +252,11 @@ def _off(each: _Estimate, truth: Truth) -> float:
 
 def _sentences(found: Sequence[_Estimate], truth: Truth) -> list[str]:
     sds = [(each.sds_off(truth), method) for each, method in zip(found, _METHODS, strict=True)]
-    told = [(z, method) for z, method in sds if math.isfinite(z)]
-    wrong = sum(z > _FAIR for z, _ in told)
-    worst, method = max(told, key=lambda each: each[0])
+    known_sds = [(z, method) for z, method in sds if math.isfinite(z)]
+    wrong = sum(z > _FAIR for z, _ in known_sds)
+    worst, method = max(known_sds, key=lambda each: each[0])
     return [
-        f"{wrong} of {len(told)} methods are more than {plain(_FAIR)} of their own standard deviations from the "
+        f"{wrong} of {len(known_sds)} methods are more than {plain(_FAIR)} of their own standard deviations from the "
         "truth: they state the scatter of their result, but not its bias.",
         f"The furthest off by its own measure is {method.label} on the {method.sees}, by {plain(worst, 2)} of its "
         "standard deviations.",
@@ -277,13 +277,13 @@ def _figure(found: Sequence[_Estimate], truth: Truth) -> Illustration:
         for method, each in zip(_METHODS, found, strict=True)
         if math.isfinite(each.time_constant_sd)
     )
-    told = "; ".join(f"{row.name.replace(chr(10), ', ')}: {plain(row.percent, 2)} %" for row in rows)
+    errors = "; ".join(f"{row.name.replace(chr(10), ', ')}: {plain(row.percent, 2)} %" for row in rows)
     return Illustration(
         name="methods",
         title="The error of τ by method",
         caption="A dot is the estimate, the bar the 95 % interval that the method states; a missing bar is "
         "narrower than the dot. An honest method's bar covers zero.",
-        description=f"Errors of the time constant: {told}.",
+        description=f"Errors of the time constant: {errors}.",
         draw=partial(
             figures.differences,
             rows,

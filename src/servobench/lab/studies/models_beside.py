@@ -34,7 +34,7 @@ class Candidate(Settings):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Comparison:
-    """A model held against a motion: its values, its mean speeds (N,) [rad/s], their error [rad/s], and friction's part [V]."""
+    """A model compared with a motion: its values, its mean speeds (N,) [rad/s], their error [rad/s], and friction's part [V]."""
 
     name: str
     gain: float

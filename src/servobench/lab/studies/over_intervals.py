@@ -36,7 +36,7 @@ class OverIntervals(StudySettings):
             raise NotIdentifiable(f"the square wave tells no motor: {why}")
         known = {**result.fit.estimates, **_poles(result.fit)}
         feedback = TransferFunction(numerator=(self.kp,), denominator=(1.0,), output="input", unit="1")
-        said = {
+        values = {
             "speed": stability_over_intervals(result.fit, "speed"),
             "position": stability_over_intervals(result.fit, "position"),
             "loop": loop_over_intervals(result.fit, feedback),
@@ -63,11 +63,11 @@ class OverIntervals(StudySettings):
                 f"{what} {each.sentence}"
                 for what, each in zip(
                     ("To the speed:", "To the position:", f"The position loop with {self.kp:g} V/rad:"),
-                    said.values(),
+                    values.values(),
                     strict=True,
                 )
             ),
-            facts=facts | {f"{name}_share": Fact(value=each.share) for name, each in said.items()},
+            facts=facts | {f"{name}_share": Fact(value=each.share) for name, each in values.items()},
         )
 
 

@@ -100,8 +100,8 @@ class PulseResponse(StudySettings):
             "high and the shaft creeps on after its last count.",
         )
 
-    def _experiment(self, asked: Experiment, pulse: Push) -> Experiment:
-        return asked.model_copy(
+    def _experiment(self, experiment: Experiment, pulse: Push) -> Experiment:
+        return experiment.model_copy(
             update={
                 "signal": Pulse(rest=0.0, level=pulse.voltage, start=self.start, width=pulse.width),
                 "duration": self.start + pulse.width + _REST,

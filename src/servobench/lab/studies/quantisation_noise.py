@@ -25,14 +25,14 @@ _ARCHES, _POINTS = 4, 256
 
 @STUDIES.member("quantisation_noise")
 class QuantisationNoise(StudySettings):
-    """Runs at constant voltages and several sample times, and named speeds that only the formula is asked for."""
+    """Runs at constant voltages and several sample times, and named speeds for the formula only."""
 
     voltages: Annotated[tuple[Voltage, ...], Field(min_length=1)] = (1.0, 2.0, 3.0)
     """Constant voltages to run at [V]."""
     sample_times: Annotated[tuple[PositiveTime, ...], Field(min_length=1)] = (0.002, 0.001)
     """Sample times [s]."""
     speeds: tuple[Speed, ...] = ()
-    """Speeds that the formula alone is asked for [rad/s]."""
+    """Speeds for the formula alone [rad/s]."""
 
     def __call__(self, stand: Stand) -> StudyResult:
         """Return formula beside run for each voltage and sample time; facts: `worst`, the largest noise at the first time."""

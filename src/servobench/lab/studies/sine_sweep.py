@@ -173,13 +173,13 @@ class SineSweep(StudySettings):
         f = np.array([p.frequency for p in seen])
         size, angle = self._laws(f, truth) if truth else ((), ())
         gains, phases = np.array([_db(p.gain) for p in seen]), np.degrees([p.phase for p in seen])
-        said = "Dashed: the linear motor. Points: measured." if truth else "Points: measured."
+        caption = "Dashed: the linear motor. Points: measured." if truth else "Points: measured."
         if truth and self._reverses(truth):
-            said += " Blue: with the effect of friction at reversals."
+            caption += " Blue: with the effect of friction at reversals."
         return figure_of(
             "sweep",
             f"Bode diagram by sines of {plain(self.amplitude)} V around {plain(self.offset)} V",
-            said,
+            caption,
             "; ".join(
                 f"{plain(p.frequency)} Hz: {plain(_db(p.gain))} dB, {plain(math.degrees(p.phase), 3)}°"
                 for p in seen

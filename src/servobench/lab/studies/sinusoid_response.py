@@ -73,17 +73,17 @@ class SinusoidResponse(StudySettings):
         tables = (_speeds(names, answers, linear), _angles(names, answers))
         return StudyResult(tables=tables, figures=(_figure(runs[0], runs[-1], self.waves),))
 
-    def _experiment(self, asked: Experiment, wave: Wave) -> Experiment:
-        in_samples = 1 / (wave.frequency * asked.sample_time)
+    def _experiment(self, experiment: Experiment, wave: Wave) -> Experiment:
+        in_samples = 1 / (wave.frequency * experiment.sample_time)
         if abs(in_samples - round(in_samples)) > 1e-6:
             raise UsageError(
-                f"a period of {1 / wave.frequency:g} s is {in_samples:g} samples of {asked.sample_time:g} s; expected a whole "
-                "number of them"
+                f"a period of {1 / wave.frequency:g} s is {in_samples:g} samples of {experiment.sample_time:g} s; expected "
+                "a whole number of them"
             )
-        return asked.model_copy(
+        return experiment.model_copy(
             update={
                 "signal": Sine(amplitude=wave.amplitude, offset=wave.offset, frequency=wave.frequency),
-                "duration": self.periods / wave.frequency + asked.sample_time,
+                "duration": self.periods / wave.frequency + experiment.sample_time,
             }
         )
 

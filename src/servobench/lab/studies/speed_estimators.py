@@ -179,7 +179,7 @@ class _Work:
 
     def kalman(self, case: KalmanCase) -> _Row:
         """A row of a filter that uses the voltage; its gain is that of the recording."""
-        told = MotorKalman(
+        motor = MotorKalman(
             gain=self.gain,
             time_constant=case.time_constant,
             acceleration=case.acceleration,
@@ -187,10 +187,10 @@ class _Work:
             sample_time=self.sample_time,
             voltage=_hold_voltage(self.position, self.lost),
         )
-        silent = replace(told, voltage=np.zeros_like)
+        silent = replace(motor, voltage=np.zeros_like)
         errors = [
             reading_error(
-                replace(told, gain=each.speed, voltage=_unit_step),
+                replace(motor, gain=each.speed, voltage=_unit_step),
                 each,
                 self.sample_time,
                 self.steady.quantum,
@@ -203,7 +203,7 @@ class _Work:
             run_noise="",
             exact_noise=noise(silent, self.steady.speed, self.sample_time, self.steady.quantum),
             lag=math.nan,
-            reading=self._reading(told),
+            reading=self._reading(motor),
             error=pool_errors(errors),
         )
 

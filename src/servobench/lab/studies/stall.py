@@ -94,14 +94,14 @@ class Stall(StudySettings):
         )
 
     def _run(self, stand: Stand, case: StallCase) -> Recording:
-        asked = stand.experiment.model_copy(
+        experiment = stand.experiment.model_copy(
             update={
                 "signal": Constant(value=case.voltage),
                 "duration": self.block + case.monitor.duration + _AFTER,
                 "limits": stand.experiment.limits.model_copy(update={"stall": case.monitor}),
             }
         )
-        return simulate_run(asked, (BlockedShaft.model_validate({"from": self.block}),))
+        return simulate_run(experiment, (BlockedShaft.model_validate({"from": self.block}),))
 
     def _mean_stall_current(self, run: Recording) -> float:
         """The mean current while the shaft was held [A]."""

@@ -105,11 +105,11 @@ class SteadyStateErrors(OfAMotor):
         signal = (
             Ramp(final=self.slope * self.duration, duration=self.duration) if ramp else Step(final=self.step)
         )
-        asked = stand.experiment.model_copy(
+        experiment = stand.experiment.model_copy(
             update={"controller": law, "signal": signal, "duration": self.duration}
         )
-        course = response_after(stand.run(asked), 0.0, "position", "")
-        wanted = signal(course.t)
+        course = response_after(stand.run(experiment), 0.0, "position", "")
+        reference = signal(course.t)
         last = course.t > self.duration - _LAST
         lag = self.slope * (1 + gain * law.kd) / (gain * law.kp) if ramp and not law.ki else 0.0
         return _Trial(
@@ -117,9 +117,9 @@ class SteadyStateErrors(OfAMotor):
             reference="ramp" if ramp else "step",
             theory=lag,
             friction=0.0 if law.ki else friction / law.kp,
-            error=float((wanted - course.output)[last].mean()),
+            error=float((reference - course.output)[last].mean()),
             course=course,
-            wanted=tuple(map(float, wanted)),
+            wanted=tuple(map(float, reference)),
         )
 
 

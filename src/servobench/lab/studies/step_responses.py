@@ -37,7 +37,7 @@ _NOTE = (
     "peak."
 )
 _CHAIN = (
-    "derivative | lowpass 50 rad/s"  # through which a speed is looked at, where the experiment has no chain
+    "derivative | lowpass 50 rad/s"  # through which a speed is examined, where the experiment has no chain
 )
 
 
@@ -64,9 +64,9 @@ class StepResponses(OfAMotor):
                 raise UsageError(
                     "step_responses: all controllers must control the same output as the experiment's"
                 )
-            asked = stand.experiment.model_copy(update={"controller": controller})
-            found = response_after(stand.run(asked), change.start, change.of, chain)
-            ideal = without_friction(law, gain, tau, asked, chain)
+            experiment = stand.experiment.model_copy(update={"controller": controller})
+            found = response_after(stand.run(experiment), change.start, change.of, chain)
+            ideal = without_friction(law, gain, tau, experiment, chain)
             measured.append(figures_of(found, change.initial, change.final))
             linear.append(figures_of(ideal, change.initial, change.final))
             formulas.append(_formulas(controller, gain, tau))

@@ -67,7 +67,7 @@ def _identify(stand: Stand, sample_time: float) -> Fact:
     recording = stand.run(stand.experiment.model_copy(update={"sample_time": sample_time}))
     result = identify(measure(recording))
     if result.fit is None:
-        said = "; ".join(finding.sentence for finding in result.findings)
-        raise NotIdentifiable(f"the run with {sample_time:g} s determines no time constant: {said}")
+        reasons = "; ".join(finding.sentence for finding in result.findings)
+        raise NotIdentifiable(f"the run with {sample_time:g} s determines no time constant: {reasons}")
     tau = result.fit["time_constant"]
     return Fact(value=tau.value, half=0.5 * (tau.interval[1] - tau.interval[0]))

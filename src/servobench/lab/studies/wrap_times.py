@@ -59,14 +59,14 @@ class WrapTimes(StudySettings):
         return StudyResult(tables=(widths, jumps), figures=(figure,))
 
     def _simulate(self, stand: Stand, voltage: float) -> Recording:
-        asked = stand.experiment.model_copy(
+        experiment = stand.experiment.model_copy(
             update={
                 "signal": Constant(value=voltage),
                 "duration": self.duration,
                 "limits": Limits(voltage=voltage),
             }
         )
-        return simulate_run(asked, counter_bits=min(self.bits))
+        return simulate_run(experiment, counter_bits=min(self.bits))
 
 
 def _jumps(recording: Recording, bits: int) -> tuple[Table, Illustration]:

@@ -45,8 +45,8 @@ class Tables:
             if values is None:
                 left_out.append(name)
             else:
-                said = replace(heading(name), unit="s") if is_time else heading(name)
-                columns.append(Column(heading=said, values=values, is_time=is_time))
+                column_heading = replace(heading(name), unit="s") if is_time else heading(name)
+                columns.append(Column(heading=column_heading, values=values, is_time=is_time))
         kind = type(data).__name__
         if not columns:
             named = f": it has {quote(left_out)}" if left_out else ""
@@ -58,12 +58,14 @@ class Tables:
             raise UsageError(
                 f"the columns of the {kind} have {lengths[0]} to {lengths[-1]} rows; expected as many in each"
             )
-        told = (
+        findings = (
             [info("columns-not-numbers", f"No numbers are in {quote(left_out)}; they are left out.")]
             if left_out
             else []
         )
-        return (recording_of(columns, name=kind, source=Source(name=kind, format="memory"), findings=told),)
+        return (
+            recording_of(columns, name=kind, source=Source(name=kind, format="memory"), findings=findings),
+        )
 
 
 def _is_xarray(data: object) -> bool:

@@ -137,8 +137,8 @@ def _foreign(table: Any, schema: Any, path: Path, format: str) -> Recording:
         if is_time:
             head = replace(head, unit="s", from_name=False)
         else:
-            head, told = with_unit(head, _unit(leaf.field) or units.get(leaf.name, ""))
-            findings.extend(told)
+            head, unit_findings = with_unit(head, _unit(leaf.field) or units.get(leaf.name, ""))
+            findings.extend(unit_findings)
         columns.append(Column(heading=head, values=values, is_time=is_time))
         findings.extend(_about_values(head.name, array, values))
     if skipped:
@@ -248,7 +248,7 @@ def _about_values(name: str, array: Any, values: Array) -> list[Finding]:
 def table_of(recordings: Sequence[Recording], name: str) -> Any:
     """Return the table of one recording: a column for each channel and one for each of their times, filled up with nulls.
 
-    Raises `UsageError` for more than one, whose columns would stand beside each other with nothing to tell them apart.
+    Raises `UsageError` for more than one, whose columns would stand side by side with nothing to tell them apart.
     """
     pa = pyarrow("pyarrow", name)
     if len(recordings) != 1:

@@ -103,11 +103,11 @@ def load(
     recordings = tuple(replace(recording, source=source) for recording in recordings)
     if file.suffix.lower() in FORMATS[name].suffixes or file.name == METADATA:
         return recordings
-    told = info(
+    finding = info(
         "format-by-content",
         f"The file is read as {name}, which its content looks like; its name ends otherwise.",
     )
-    return tuple(recording.with_findings(told) for recording in recordings)
+    return tuple(recording.with_findings(finding) for recording in recordings)
 
 
 def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[str]) -> None:

@@ -134,10 +134,10 @@ def _duty_of_counts(
         raise UsageError(
             f"{recording.name}: the {role} `{name}` is in counts of a pulse width; only the input can be"
         )
-    told = f"`{name}` is read as a duty in raw counts, with {scale:g} counts for 100 %."
+    sentence = f"`{name}` is read as a duty in raw counts, with {scale:g} counts for 100 %."
     channel = replace(series.channel, unit="%", minimum=None, maximum=None, resolution=None)
     duty = Series(channel=channel, values=series.values * (100.0 / scale), t=series.t)
-    return Choice(series=duty, findings=(*findings, info("duty-scaled", told)))
+    return Choice(series=duty, findings=(*findings, info("duty-scaled", sentence)))
 
 
 def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -> None:
@@ -159,8 +159,8 @@ def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -
 
 def _holds_the_times(series: Series) -> bool:
     """Whether a channel is the column that its own times come from."""
-    said = heading(series.channel.name)
-    symbol = time_unit(Heading(name=said.name, unit=series.channel.unit or said.unit))
+    parsed = heading(series.channel.name)
+    symbol = time_unit(Heading(name=parsed.name, unit=series.channel.unit or parsed.unit))
     if series.t is None or symbol is None or len(series.t) < 2:
         return False
     return bool(np.allclose(series.values * unit(symbol).factor, series.t, rtol=1e-12, equal_nan=True))
@@ -187,8 +187,8 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
         sides = sides_of(candidates)
         if not sides:
             return sentence
-        told = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
-        return f"{sentence}. Of several motors, name one: `{role}={shell_text(told)}`"
+        example = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
+        return f"{sentence}. Of several motors, name one: `{role}={shell_text(example)}`"
     sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {_list_of(names)}"
     if role == "input":
         followed = [

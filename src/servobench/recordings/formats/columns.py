@@ -211,7 +211,7 @@ def recording_of(
     up (`t`).
     `rows` (N,) are the rows of the file that the samples stand in, where those are not 1 to N.
     """
-    names, told = distinct([printable(column.heading.name) for column in columns])
+    names, name_findings = distinct([printable(column.heading.name) for column in columns])
     columns = [
         replace(each, heading=replace(each.heading, name=new))
         for each, new in zip(columns, names, strict=True)
@@ -225,8 +225,8 @@ def recording_of(
         )
         for column in columns
     )
-    told = (*told, *_units_in_names(columns), *about_times, *_about_own_times(columns))
-    return Recording(name=name, series=series, source=source, findings=(*findings, *told))
+    name_findings = (*name_findings, *_units_in_names(columns), *about_times, *_about_own_times(columns))
+    return Recording(name=name, series=series, source=source, findings=(*findings, *name_findings))
 
 
 def _about_own_times(columns: Sequence[Column]) -> Iterable[Finding]:
@@ -236,10 +236,10 @@ def _about_own_times(columns: Sequence[Column]) -> Iterable[Finding]:
 
 
 def _units_in_names(columns: Sequence[Column]) -> list[Finding]:
-    told = [f"`{each.heading.name}` in {each.heading.unit}" for each in columns if each.heading.from_name]
-    if not told:
+    units = [f"`{each.heading.name}` in {each.heading.unit}" for each in columns if each.heading.from_name]
+    if not units:
         return []
-    return [info("unit-in-name", f"Units are taken from the endings of names: {', '.join(told[:12])}.")]
+    return [info("unit-in-name", f"Units are taken from the endings of names: {', '.join(units[:12])}.")]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -34,5 +34,5 @@ def format_errors(name: str, kind: str) -> Iterator[None]:
     except (FormatError, MemoryError):
         raise
     except Exception as error:
-        said = " ".join((str(error) or type(error).__name__).split())
-        raise FormatError(f"{name} is no {kind} file, or a damaged one: {said[:200]}") from error
+        message = " ".join((str(error) or type(error).__name__).split())
+        raise FormatError(f"{name} is no {kind} file, or a damaged one: {message[:200]}") from error

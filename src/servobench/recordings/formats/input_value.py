@@ -74,9 +74,9 @@ def _with_constant(recording: Recording, value: float, unit: str, why: str) -> R
     series = Series(
         channel=Channel(name=CHANNEL, unit=unit), values=np.full(len(longest.values), value), t=longest.t
     )
-    said = f"The input is {value:g} {unit} throughout, {why}."
+    sentence = f"The input is {value:g} {unit} throughout, {why}."
     changed = replace(recording, series=(*recording.series, series), input=CHANNEL)
-    return changed.with_findings(info("input-stated", said))
+    return changed.with_findings(info("input-stated", sentence))
 
 
 def _is_input_unit(symbol: str | None) -> bool:

@@ -53,9 +53,10 @@ class Lvm:
         runs = _runs(segments)
         names = [path.stem] if len(runs) == 1 else [f"{path.stem} {k}" for k in range(1, len(runs) + 1)]
         source = Source(name=path.name, format="lvm")
-        told = _about_runs(segments, runs)
+        run_findings = _about_runs(segments, runs)
         return tuple(
-            _recording(run, name, source, (*findings, *told)) for run, name in zip(runs, names, strict=True)
+            _recording(run, name, source, (*findings, *run_findings))
+            for run, name in zip(runs, names, strict=True)
         )
 
     def write(self, recordings: tuple[Recording, ...], path: Path) -> NoReturn:

@@ -180,7 +180,7 @@ def _places(cells: Sequence[str], x_columns: str) -> list[tuple[int | None, int]
 def _numbers(
     lines: Sequence[str], rows: NDArray[np.int64], file: File, places: Sequence[tuple[int | None, int]]
 ) -> tuple[Array, list[Finding]]:
-    """X and Y of each channel beside each other (N, 2M), NaN where there is none, and what is wrong with the rows."""
+    """X and Y of each channel side by side (N, 2M), NaN where there is none, and what is wrong with the rows."""
     wanted = sorted({k for pair in places for k in pair if k is not None})
     short = []
     kept = []
@@ -256,9 +256,9 @@ def _column(
     # Shorter channels are filled up with empty cells.
     filled = np.flatnonzero(np.isfinite(y) | np.isfinite(x))
     count = int(filled[-1]) + 1 if len(filled) else 0
-    said = header.text("Samples")
-    if said.isdecimal() and len(said) < 10 and count < int(said):
-        sentence = f"`{head.name}` has {count} samples where its header says {said}."
+    samples = header.text("Samples")
+    if samples.isdecimal() and len(samples) < 10 and count < int(samples):
+        sentence = f"`{head.name}` has {count} samples where its header says {samples}."
         findings = (*findings, warning("samples-missing", sentence))
     values = np.ascontiguousarray(y[:count])
     if np.isfinite(x[:count]).any():

@@ -1,6 +1,6 @@
 """The meaning and the unit of each column of a file.
 
-A recognised name is a finding and not a silent choice. All missing information is asked for at once.
+A recognised name is a finding and not a silent choice. All missing information is requested at once.
 """
 
 from __future__ import annotations
@@ -68,12 +68,12 @@ def assign(
     elif isinstance(input, str) and is_pattern(input) and ColumnSpec.parse(input).column not in recording:
         recording, input = with_input_of_name(recording, input), None
     volts = constant(supply, recording)
-    asked: dict[Role, str | ColumnSpec | None] = {"input": input, "output": output}
-    asked |= {"reference": reference} if reference is not None else {}
-    asked |= {"supply": supply} if supply is not None and volts is None else {}
-    asked |= {"current": current} if current is not None else {}
+    columns: dict[Role, str | ColumnSpec | None] = {"input": input, "output": output}
+    columns |= {"reference": reference} if reference is not None else {}
+    columns |= {"supply": supply} if supply is not None and volts is None else {}
+    columns |= {"current": current} if current is not None else {}
     roles, before = _choose_and_time(
-        recording, asked, spec_of(time, recording), sample_time, counts_per_rev is not None
+        recording, columns, spec_of(time, recording), sample_time, counts_per_rev is not None
     )
     taken, about_samples = usable(recording.name, {role: roles.series[role] for role in ("input", "output")})
     result = replace(
@@ -129,7 +129,7 @@ class _Roles:
 
 def _choose_and_time(
     recording: Recording,
-    asked: dict[Role, str | ColumnSpec | None],
+    columns: dict[Role, str | ColumnSpec | None],
     time: ColumnSpec | None,
     sample_time: float | str | None,
     in_counts: bool,
@@ -140,7 +140,7 @@ def _choose_and_time(
     """
     missing: list[str] = []
     parts: dict[Role, Choice] = {}
-    for role, given in asked.items():
+    for role, given in columns.items():
         taken = [each.series.channel.name for each in parts.values()]
         part = choose(recording, role, spec_of(given, recording), taken, in_counts and role == "output")
         if isinstance(part, str):
@@ -180,9 +180,9 @@ def _armature_current(recording: Recording, series: Series) -> tuple[Series, Fin
             f"{recording.name}: `{name}` is named as the current, but there is a channel `{ARMATURE_CURRENT}`; use "
             "that one, or rename it"
         )
-    told = f"`{name}` is the armature's current, as requested; it is called `{ARMATURE_CURRENT}`."
+    sentence = f"`{name}` is the armature's current, as requested; it is called `{ARMATURE_CURRENT}`."
     channel = replace(series.channel, name=ARMATURE_CURRENT)
-    return replace(series, channel=channel), info("current-named", told)
+    return replace(series, channel=channel), info("current-named", sentence)
 
 
 def _check_differ(recording: Recording, series: dict[Role, Series]) -> None:
@@ -254,12 +254,12 @@ class Mapping:
 
     def override_with(self, other: Mapping) -> Mapping:
         """Return the mapping with all that another one says in place of what this one does."""
-        said = other._settings()
-        if {"time", "sample_time"} & said.keys():  # the one takes the place of the other
-            said = {"time": None, "sample_time": None, **said}
-        if {"input", "input_value"} & said.keys():
-            said = {"input": None, "input_value": None, **said}
-        return replace(self, **said)
+        settings = other._settings()
+        if {"time", "sample_time"} & settings.keys():  # the one takes the place of the other
+            settings = {"time": None, "sample_time": None, **settings}
+        if {"input", "input_value"} & settings.keys():
+            settings = {"input": None, "input_value": None, **settings}
+        return replace(self, **settings)
 
     def of(self, name: str) -> Mapping:
         """Return what holds for the recording of that name."""

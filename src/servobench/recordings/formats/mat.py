@@ -144,8 +144,8 @@ def _foreign(found: Sequence[Variable], path: Path) -> Recording:
             value if isinstance(value, SkippedVariable) else SkippedVariable(what="text")
         )
         if isinstance(value, np.ndarray):
-            channels, told = _channels(variable.name, value)
-            findings.extend(told)
+            channels, channel_findings = _channels(variable.name, value)
+            findings.extend(channel_findings)
         if isinstance(channels, SkippedVariable):
             skipped.append((variable.name, channels))
         else:

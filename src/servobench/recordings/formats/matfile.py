@@ -201,8 +201,8 @@ def _members(group: Any, name: str, depth: int) -> Iterator[Variable]:
 
 def _class(item: Any) -> str | None:
     """MATLAB's class of an HDF5 item, None where it says none."""
-    said = item.attrs.get("MATLAB_class")
-    return said.decode("latin-1") if isinstance(said, bytes) else None
+    name = item.attrs.get("MATLAB_class")
+    return name.decode("latin-1") if isinstance(name, bytes) else None
 
 
 def _item(item: Any, name: str, depth: int) -> Iterator[Variable]:

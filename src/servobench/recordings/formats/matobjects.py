@@ -66,10 +66,10 @@ def objects(path: Path, names: Sequence[str]) -> Objects:
         content, doubts = _load(path, variables)
         series, columns, unread = _contents(content, path)
     except Exception as error:  # mat-io tells of what it can't read by errors of any type
-        said = str(error).splitlines()[0][:120] if str(error) else repr(error)
+        message = str(error).splitlines()[0][:120] if str(error) else repr(error)
         sentence = (
             f"Objects of MATLAB in {quote(names)} aren't read, as they are damaged or of an unknown "
-            f"kind: {said}."
+            f"kind: {message}."
         )
         return Objects(findings=(warning("object-skipped", sentence),))
     findings = []
@@ -235,9 +235,9 @@ def _times(t: Array | None, about: Mapping[str, Any], shape: Sequence[int]) -> A
 
 def _unit(about: Mapping[str, Any]) -> str | None:
     """The unit that a timeseries says of its data, if it is one: a text, or Simulink's object that has a name."""
-    said = _property(about, "Units")
-    inner = getattr(said, "properties", None)
-    symbol = _text(inner.get("Name") if isinstance(inner, dict) else said)
+    unit = _property(about, "Units")
+    inner = getattr(unit, "properties", None)
+    symbol = _text(inner.get("Name") if isinstance(inner, dict) else unit)
     return symbol if symbol and is_unit(symbol) else None
 
 

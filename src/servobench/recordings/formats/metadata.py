@@ -54,9 +54,9 @@ def restore(description: object, samples: Sequence[tuple[Array, Array | None]], 
         )
         return Recording(series=series, **known)
     except (ValidationError, ValueError, TypeError, KeyError, RecursionError) as error:
-        said = str(error).splitlines()[0]
+        message = str(error).splitlines()[0]
         raise FormatError(
-            f"{name}: the file's description of its recording can't be understood ({said})"
+            f"{name}: the file's description of its recording can't be understood ({message})"
         ) from None
 
 

@@ -119,15 +119,15 @@ def _time(recording: Recording, known: str | None) -> list[_Entry]:
     if known is not None:
         return [_Entry(key="time", told="The times of the samples.", value=known)]
     if any(series.t is not None for series in recording.series):
-        told = (
+        question = (
             "The times come with the samples. If they are wrong, give a column with its unit, or the time "
             "between samples."
         )
     else:
-        told = "No time column was recognised: name one, or give the time between samples."
+        question = "No time column was recognised: name one, or give the time between samples."
     named = tuple(f"{name}:s" for name in _names(recording) if plain_name(name) in TIME_NAMES)
     return [
-        _Entry(key="time", told=told, choices=named or ("COL:s",)),
+        _Entry(key="time", told=question, choices=named or ("COL:s",)),
         _Entry(
             key="sample_time",
             told="Or, for evenly spaced samples, instead of a column:",
@@ -151,32 +151,36 @@ def _role(recording: Recording, role: Role, known: str | None) -> _Entry:
 
 def _supply(recording: Recording) -> _Entry:
     named = [name for name in _names(recording) if may_be_supply(name)]
-    told = (
+    question = (
         "If the input is a duty: the supply voltage, as a column or a constant; the motor's voltage is their "
         "product. Raw counts of a pulse width are a duty in the unit PWM/255, or whatever 100 % is."
     )
     return _Entry(
-        key="supply", told=told, choices=tuple(_column_text(recording, name) for name in named) or ("12 V",)
+        key="supply",
+        told=question,
+        choices=tuple(_column_text(recording, name) for name in named) or ("12 V",),
     )
 
 
 def _reference(recording: Recording) -> _Entry:
     named = [name for name in _names(recording) if plain_name(name) in REFERENCE_NAMES]
-    told = "In a closed loop, the reference of the loop."
+    question = "In a closed loop, the reference of the loop."
     if recording.reference is not None:
-        return _Entry(key="reference", told=told, value=_column_text(recording, recording.reference))
+        return _Entry(key="reference", told=question, value=_column_text(recording, recording.reference))
     return _Entry(
         key="reference",
-        told=told,
+        told=question,
         choices=tuple(_column_text(recording, name) for name in named) or ("COL:UNIT",),
     )
 
 
 def _current(recording: Recording) -> _Entry:
-    told = "The measured current of the armature, which separates resistance and torque constant."
+    question = "The measured current of the armature, which separates resistance and torque constant."
     named = _channels_of(recording, {"current"})
     return _Entry(
-        key="current", told=told, choices=tuple(_column_text(recording, name) for name in named) or ("COL:A",)
+        key="current",
+        told=question,
+        choices=tuple(_column_text(recording, name) for name in named) or ("COL:A",),
     )
 
 
@@ -188,18 +192,18 @@ def _turn(recording: Recording, output: str | None) -> list[_Entry]:
     known = spec.column in recording and recording[spec.column].channel.counts_per_rev is not None
     if known or (spec.unit or _unit(recording, output)) not in ("counts", "counts/s"):
         return []
-    told = "How many counts make a turn of the shaft? Without an answer, the result is in counts."
-    return [_Entry(key="counts_per_rev", told=told, choices=(2048,))]
+    question = "How many counts make a turn of the shaft? Without an answer, the result is in counts."
+    return [_Entry(key="counts_per_rev", told=question, choices=(2048,))]
 
 
 def _chain(recording: Recording, output: str | None) -> _Entry:
     if recording.chain:
         return _Entry(key="chain", told="What lies between the shaft and the output.", value=recording.chain)
     unit = (ColumnSpec.parse(output).unit or _unit(recording, output)) if output else None
-    told = "What lies between the shaft and the output: stages, a device that `servobench chains` lists, or none."
+    question = "What lies between the shaft and the output: stages, a device that `servobench chains` lists, or none."
     if quantity_of(unit) == "speed":
-        told += " How was this speed measured? Without an answer, a filter's lag counts as the motor's."
-    return _Entry(key="chain", told=told, choices=("none", "derivative | lowpass 50 rad/s", "talon-srx"))
+        question += " How was this speed measured? Without an answer, a filter's lag counts as the motor's."
+    return _Entry(key="chain", told=question, choices=("none", "derivative | lowpass 50 rad/s", "talon-srx"))
 
 
 def _names(recording: Recording) -> list[str]:

@@ -138,11 +138,11 @@ def recognise(recording: Recording, role: Role, without: Sequence[str] = ()) -> 
     found = []
     for each in fitting:
         name, symbol = each.channel.name, each.channel.unit
-        told = f"`{name}` is recognised as the {role} by its name"
+        text = f"`{name}` is recognised as the {role} by its name"
         if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
             symbol = "V"
-            told += ", and read in V by convention"
-        sentence = f"{told}; if that is wrong say `{role}=COL:UNIT`."
+            text += ", and read in V by convention"
+        sentence = f"{text}; if that is wrong say `{role}=COL:UNIT`."
         found.append(RoleMatch(name=name, unit=symbol, finding=info(_RECOGNISED[role], sentence)))
     return tuple(found)
 
@@ -224,10 +224,10 @@ def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tu
         return recording[alike[0]], [info("name-case", f"`{spec.column}` is taken to be `{alike[0]}`.")]
     by_side = _of_side(recording, spec, role)
     if by_side is not None:
-        told = (
+        listing = (
             f"`{spec.column}` is taken to be `{by_side.channel.name}`, the {role} whose name has that part."
         )
-        return by_side, [info("name-beginning", told)]
+        return by_side, [info("name-beginning", listing)]
     file, sharp, column = spec.column.rpartition("#")
     if sharp and file:
         return _in_other_file(recording, file, replace(spec, column=column), role)
@@ -331,7 +331,7 @@ def one_of_several(names: Sequence[str], role: Role) -> list[str]:
     return []
 
 
-# One motor's voltage as it was asked for and as it came; its position as it was asked for and as it is.
+# One motor's voltage as it was requested and as it came; its position as it was requested and as it is.
 _STAGES = frozenset({
     "command", "commanded", "cmd", "applied", "measured", "actual", "desired", "target", "reference", "setpoint", "goal",
     "present", "supply", "rad", "deg", "s", "rpm",
@@ -361,8 +361,8 @@ def _in_other_file(
     """A series of another file, under a name that this recording doesn't have."""
     path = Path(file)
     if not path.exists():
-        beside = Path(recording.source.name).parent / file
-        path = beside if beside.exists() else path  # a missing file is reported by the given name
+        other_path = Path(recording.source.name).parent / file
+        path = other_path if other_path.exists() else path  # a missing file is reported by the given name
     others = load(path)
     if len(others) != 1:
         raise UsageError(f"{file} holds {len(others)} recordings; a column can come from a file with one")
@@ -370,11 +370,11 @@ def _in_other_file(
     name = f"{path.stem}.{series.channel.name}"
     while name in recording:
         name += "_"
-    told = f"`{name}` comes from {file} (SHA-256 {others[0].source.sha256})"
-    told += "." if series.t is None else ", with its times, assumed to come from the same clock."
+    sentence = f"`{name}` comes from {file} (SHA-256 {others[0].source.sha256})"
+    sentence += "." if series.t is None else ", with its times, assumed to come from the same clock."
     channel = replace(series.channel, name=name)
     return replace(series, channel=channel), [
-        info("column-from-other-file", told),
+        info("column-from-other-file", sentence),
         *others[0].findings,
         *findings,
     ]

@@ -85,8 +85,8 @@ def _recording(content: Mapping[str, Any], entries: Sequence[Any], path: Path) -
         for name in names
     }
     if "load" in values:
-        values["load"], told = _load(values["load"], rows)
-        findings.extend(told)
+        values["load"], load_findings = _load(values["load"], rows)
+        findings.extend(load_findings)
     if "torque_enable" in values:
         findings.extend(_about_torque(values["torque_enable"], rows))
     settings = {key: value for key, value in content.items() if isinstance(value, str | int | float)}
@@ -169,8 +169,8 @@ def _about_torque(on: Array, rows: NDArray[np.int64]) -> list[Finding]:
 def _about_bench(settings: Mapping[str, Any], values: Mapping[str, Array]) -> list[Finding]:
     findings = []
     if settings:
-        told = ", ".join(f"{key} {_with_unit(key, value)}" for key, value in list(settings.items())[:12])
-        findings.append(info("bench-settings", f"The file describes its bench: {told}."))
+        text = ", ".join(f"{key} {_with_unit(key, value)}" for key, value in list(settings.items())[:12])
+        findings.append(info("bench-settings", f"The file describes its bench: {text}."))
     mass, length = settings.get("mass"), settings.get("length")
     if _is_number(mass) and _is_number(length) and 0 < float(mass) * float(length) < 1e6:  # type: ignore[arg-type]
         torque = float(mass) * _GRAVITY * float(length)  # type: ignore[arg-type]

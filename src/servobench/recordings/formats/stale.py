@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 
 _SHARE = 0.5  # of the rows without a change, from which on values are said to be stale
-_ALIKE = 0.7  # of the changes by the same step, from which on that step is taken for the sensor's own
+_ALIKE = 0.7  # of the changes by the same step, from which on that step counts as the sensor's own
 _FEWEST = 10  # changes that it takes to tell
 
 

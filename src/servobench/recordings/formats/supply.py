@@ -52,11 +52,11 @@ def motor_voltage(recording: Recording, supply: Series | None, volts: float | No
             f"{recording.name}: the input `{duty.channel.name}` is in {symbol or 'no known unit'}; a supply goes "
             "with a duty, in %, 1 (a fraction) or raw counts such as PWM/885: give its unit, or leave the supply out"
         )
-    at_duty, told = _supply_at(recording, supply, volts, duty)
+    at_duty, source = _supply_at(recording, supply, volts, duty)
     name = _free_name(recording)
     channel = Channel(name=name, unit="V")
     product = Series(channel=channel, values=duty.values * _DUTIES[symbol] * at_duty, t=duty.t)
-    sentence = f"The input is `{name}`, in V: the duty `{duty.channel.name}` times {told}."
+    sentence = f"The input is `{name}`, in V: the duty `{duty.channel.name}` times {source}."
     return replace(
         recording,
         series=(*recording.series, product),
@@ -81,10 +81,10 @@ def _supply_at(
         raise UsageError(f"{recording.name}: the supply `{supply.channel.name}` has no finite value")
     order = np.argsort(supply.t[usable], kind="stable")
     t, values = supply.t[usable][order], supply.values[usable][order] * unit(symbol).factor
-    told = f"the supply `{supply.channel.name}`, {values.min():.4g} to {values.max():.4g} V"
+    text = f"the supply `{supply.channel.name}`, {values.min():.4g} to {values.max():.4g} V"
     if not np.array_equal(t, duty.t):
-        told += ", on straight lines between its samples"
-    return np.interp(duty.t, t, values), told
+        text += ", on straight lines between its samples"
+    return np.interp(duty.t, t, values), text
 
 
 def _free_name(recording: Recording) -> str:

@@ -80,12 +80,12 @@ class SysIdJson:
                 f'{path.name} is JSON, but not of SysId or a servo bench: it lacks "sysid": true and has {has}; '
                 "files of its forerunner frc-characterization can be converted in SysId"
             )
-        told = _about_units(content, path.name)
+        findings = _about_units(content, path.name)
         travel = _travel_per_rev(content)
         recordings = [_recording(key, content[key], path.name, travel) for key in TESTS if content.get(key)]
         if not recordings:
             raise FormatError(f"{path.name} has no test with rows; expected one of {', '.join(TESTS)}")
-        return tuple(recording.with_findings(*told) for recording in recordings)
+        return tuple(recording.with_findings(*findings) for recording in recordings)
 
     def write(self, recordings: tuple[Recording, ...], path: Path) -> NoReturn:
         """Raise `UsageError`: four numbers a row can't hold what a recording knows."""
@@ -214,8 +214,8 @@ def _first_is_of_another_test(voltages: Array) -> bool:
 
 
 def _first_row_finding(voltages: Array) -> Finding:
-    said = " and ".join(f"{voltage:g} V" for voltage in voltages)
-    sentence = f"Row 1 carries {said}, left over from the test before; it is left out."
+    levels = " and ".join(f"{voltage:g} V" for voltage in voltages)
+    sentence = f"Row 1 carries {levels}, left over from the test before; it is left out."
     return info("first-row-other-test", sentence, rows=(1, 1))
 
 

@@ -98,12 +98,12 @@ def split(recording: Recording, found: Sequence[Test], texts: Sequence[str]) -> 
         f"The log is split by {quote(texts)} into its tests: {quote(test.name for test in found)}. The rest isn't "
         "read."
     )
-    told = info("log-split", sentence)
-    parts = (_part(recording, test, told) for test in found)
+    finding = info("log-split", sentence)
+    parts = (_part(recording, test, finding) for test in found)
     return tuple(part for part in parts if part.series)
 
 
-def _part(recording: Recording, test: Test, told: Finding) -> Recording:
+def _part(recording: Recording, test: Test, finding: Finding) -> Recording:
     series, held = [], []
     for each in recording.series:
         within, holds = _within(each, test)
@@ -111,7 +111,7 @@ def _part(recording: Recording, test: Test, told: Finding) -> Recording:
             series.append(within)
         if holds:
             held.append(each.channel.name)
-    findings = [*recording.findings, told]
+    findings = [*recording.findings, finding]
     if held:
         sentence = (
             f"At the start of the test {quote(held)} had the value logged last before it, which is used as the "

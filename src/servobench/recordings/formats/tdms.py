@@ -141,9 +141,9 @@ def _foreign(group: str, channels: Sequence[Any], path: Path) -> Recording | str
     for channel in channels:
         found = _column(channel, zero, path.name)
         if isinstance(found, Column) and isinstance(unit := channel.properties.get("unit_string"), str):
-            head, told = with_unit(found.heading, unit)
+            head, unit_findings = with_unit(found.heading, unit)
             found = found if found.is_time else replace(found, heading=head)
-            findings.extend(told)
+            findings.extend(unit_findings)
         if isinstance(found, str):
             skipped.append(f"{channel.name} ({found})")
         else:
@@ -225,7 +225,7 @@ def _seconds(stamps: Any, zero: int) -> Array:
 
 
 def _about_whole_numbers(columns: Sequence[Column], channels: Sequence[Any]) -> list[Finding]:
-    """Findings on whole numbers that a float can't tell from the next."""
+    """Findings on whole numbers that a float can't distinguish from the next."""
     whole = {
         heading(each.name).name
         for each in channels

@@ -40,7 +40,7 @@ _REMARK = re.compile(r"\s*[#%]")
 _EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
 _SAMPLE = 300  # rows that the layout is found from, spread over the file
 _FIRST = 1000  # rows by which the numbers must have begun
-_BLOCK = 8192  # rows that are parsed at once; where that fails each of them is looked at by itself
+_BLOCK = 8192  # rows that are parsed at once; where that fails each of them is examined by itself
 _FEW_OPEN, _SHARE_OPEN = 10, 0.01  # rows with a quote that isn't closed, which cost only themselves
 _NO_NUMBER = "cell-not-a-number"
 LONGEST_LINE = 2**20

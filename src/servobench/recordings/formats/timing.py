@@ -57,15 +57,15 @@ def assign_times(
     """
     if sample_time is not None:
         step = seconds(sample_time)
-        told = f"The times are {step:g} s apart, as requested"
-        told += (
+        text = f"The times are {step:g} s apart, as requested"
+        text += (
             "; the file's times aren't used." if any(each.t is not None for each in series.values()) else "."
         )
         evenly = {
             role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
             for role, each in series.items()
         }
-        return evenly, [*_contradictions(recording, series, step), info("sample-time-given", told)]
+        return evenly, [*_contradictions(recording, series, step), info("sample-time-given", text)]
     if time is not None:
         return _with_time_column(recording, series, time)
     has_times = [each.t is not None for each in series.values()]
@@ -73,12 +73,12 @@ def assign_times(
         return dict(series), []
     stated = _sample_time_in_file(recording)
     if stated is not None:
-        step, told = stated
+        step, text = stated
         evenly = {
             role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
             for role, each in series.items()
         }
-        return evenly, [info("sample-time-in-file", told)]
+        return evenly, [info("sample-time-in-file", text)]
     sentence = _question(recording)
     reasons = (
         {"time-not-recognised"}
@@ -169,10 +169,10 @@ def _sample_time_in_file(recording: Recording) -> tuple[float, str] | None:
         given = float(values[0]) * unit(symbol).factor
         step = 2 * np.pi / given if is_rate else given
         if SHORTEST_STEP <= step <= LONGEST_STEP:
-            told = (
+            sentence = (
                 f"The times are {step:.6g} s apart, as `{each.channel.name}` says ({values[0]:g} {symbol})."
             )
-            return float(step), f"{told} If that is wrong, say `sample_time=S`."
+            return float(step), f"{sentence} If that is wrong, say `sample_time=S`."
     return None
 
 

@@ -54,7 +54,7 @@ class WpiLog:
 
 
 def _foreign(log: Log, path: Path) -> tuple[Recording, ...]:
-    entries, told = _join(log.entries)
+    entries, join_findings = _join(log.entries)
     channels: list[_Channel] = []
     skipped: list[str] = []
     states: list[States] = []
@@ -74,7 +74,7 @@ def _foreign(log: Log, path: Path) -> tuple[Recording, ...]:
             f"{path.name} has {len(channels)} channels; more than {LARGEST_TABLE} aren't read: cut out the part that is needed"
         )
     names, renamed = distinct([each.name for each in channels])
-    findings = [*told, *renamed, *_about_file(log, skipped), *_about_channels(channels)]
+    findings = [*join_findings, *renamed, *_about_file(log, skipped), *_about_channels(channels)]
     series = tuple(
         Series(channel=Channel(name=name, unit=each.unit), values=each.values, t=each.t)
         for name, each in zip(names, channels, strict=True)
@@ -166,16 +166,16 @@ def _channels(log: Log, entry: Entry) -> Iterator[_Channel]:
 
 def _unit(entry: Entry) -> tuple[str | None, bool]:
     """The unit of an entry, as the text about it says (SysId's do) or else an ending of its name; and whether the latter."""
-    said: Any = entry.metadata
-    if said.startswith("{"):
+    metadata: Any = entry.metadata
+    if metadata.startswith("{"):
         try:
-            content = json.loads(said)
+            content = json.loads(metadata)
         except (ValueError, RecursionError):
             content = {}
-        said = content.get("unit", content.get("units"))
-    if isinstance(said, str) and said.strip():
-        in_words = plain_words(said.strip().lower()).replace(" per ", "/")
-        for symbol in (said.strip(), in_words):
+        metadata = content.get("unit", content.get("units"))
+    if isinstance(metadata, str) and metadata.strip():
+        in_words = plain_words(metadata.strip().lower()).replace(" per ", "/")
+        for symbol in (metadata.strip(), in_words):
             if is_unit(symbol):
                 return symbol, False
     found = heading(entry.name.rpartition("/")[2])

@@ -43,11 +43,11 @@ def _private_stdout() -> IO[bytes]:
     return ours
 
 
-def _answer(asked: dict[str, str | int], answers: IO[bytes]) -> None:
-    path = Path(str(asked["path"]))
-    _limit(memory=int(asked["memory"]), seconds=int(asked["seconds"]))
+def _answer(request: dict[str, str | int], answers: IO[bytes]) -> None:
+    path = Path(str(request["path"]))
+    _limit(memory=int(request["memory"]), seconds=int(request["seconds"]))
     try:
-        recordings = read_here(str(asked["format"]), path)
+        recordings = read_here(str(request["format"]), path)
     except OSError as error:
         sentence = f"{path} can't be read: {error.strerror or error}"
         send_line({"error": "FormatError", "sentence": sentence}, answers)
@@ -66,8 +66,8 @@ def _limit(*, memory: int, seconds: int) -> None:
     no_dump = resource.RLIMIT_CORE, 0
     for limit, value in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, until), no_dump):
         most = resource.getrlimit(limit)[1]
-        wanted = value if most == resource.RLIM_INFINITY else min(value, most)
-        resource.setrlimit(limit, (wanted, most))
+        soft = value if most == resource.RLIM_INFINITY else min(value, most)
+        resource.setrlimit(limit, (soft, most))
 
 
 if __name__ == "__main__":

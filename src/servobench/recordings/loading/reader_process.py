@@ -99,12 +99,12 @@ class ReaderProcess:
             complete = False
             try:
                 with watch:
-                    said = _reply(process, format, file, limits)
+                    reply = _reply(process, format, file, limits)
                     output = cast("IO[bytes]", process.stdout)
                     recordings = (
                         ()
-                        if "error" in said
-                        else recordings_from_pipe(said, output, limits.content, file.name)
+                        if "error" in reply
+                        else recordings_from_pipe(reply, output, limits.content, file.name)
                     )
                 complete = True
             except (EOFError, OSError) as error:
@@ -113,8 +113,8 @@ class ReaderProcess:
             finally:
                 if not complete:
                     self.close()
-        if "error" in said:
-            raise (FormatError if said["error"] == "FormatError" else UsageError)(said["sentence"])
+        if "error" in reply:
+            raise (FormatError if reply["error"] == "FormatError" else UsageError)(reply["sentence"])
         return recordings
 
     def _live_child(self) -> subprocess.Popen[bytes]:
@@ -124,7 +124,7 @@ class ReaderProcess:
         if self._process is None:
             self._errors = TemporaryFile()  # noqa: SIM115 - closed with the child
             self._process = subprocess.Popen(
-                # -P: nothing that lies in the user's folder is taken for a module.
+                # -P: nothing that lies in the user's folder counts as a module.
                 [sys.executable, "-P", "-m", "servobench.recordings.loading.child"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -141,29 +141,29 @@ class ReaderProcess:
             return limits.too_long
         errors.seek(0)
         lines = errors.read().decode(errors="replace").split("\n")
-        said = next((line.strip() for line in reversed(lines) if line.strip()), f"exit status {status}")
-        said = signal.Signals(-status).name if status < 0 else said[:200]
-        return f"the library that reads it crashed ({said})"
+        words = next((line.strip() for line in reversed(lines) if line.strip()), f"exit status {status}")
+        words = signal.Signals(-status).name if status < 0 else words[:200]
+        return f"the library that reads it crashed ({words})"
 
 
 def _reply(process: subprocess.Popen[bytes], format: str, file: Path, limits: Limits) -> dict[str, Any]:
     """The child's reply on a file, before any samples; raises `EOFError` where it dies, `FormatError` for too much."""
-    asked = {
+    request = {
         "format": format,
         "path": str(file.absolute()),
         "memory": limits.memory,
         "seconds": limits.seconds,
     }
     pipe = cast("IO[bytes]", process.stdin)
-    pipe.write(json.dumps(asked).encode("ascii") + b"\n")
+    pipe.write(json.dumps(request).encode("ascii") + b"\n")
     pipe.flush()
     line = cast("IO[bytes]", process.stdout).readline(_LONGEST_LINE)
     if len(line) == _LONGEST_LINE:
         raise FormatError(f"{file.name} can't be read: its description takes more than {_LONGEST_LINE} bytes")
     if not line.endswith(b"\n"):
         raise EOFError
-    said: dict[str, Any] = json.loads(line)
-    return said
+    reply: dict[str, Any] = json.loads(line)
+    return reply
 
 
 class _Watch:

@@ -49,27 +49,27 @@ def send_line(value: dict[str, Any], to: IO[bytes]) -> None:
 
 
 def recordings_from_pipe(
-    said: dict[str, Any], rest: IO[bytes], most: int, name: str
+    reply: dict[str, Any], rest: IO[bytes], most: int, name: str
 ) -> tuple[Recording, ...]:
     """Return the recordings that a line describes, with their samples from the pipe behind it.
 
     `most` is how many bytes the samples may come to, `name` the file's. Raises `FormatError` where they are more,
     and `EOFError` where the pipe ends before they do.
     """
-    total = _NUMBER * sum(said["lengths"])
+    total = _NUMBER * sum(reply["lengths"])
     if total > most:
         raise FormatError(
             f"{name} comes to {total} bytes of numbers; of a file of its size no more than {most} are read. "
             "If it is sound, save it without compression"
         )
-    arrays = [_array(rest, length) for length in said["lengths"]]
+    arrays = [_array(rest, length) for length in reply["lengths"]]
     return tuple(
         metadata.restore(
             each["recording"],
             [(arrays[values], None if times is None else arrays[times]) for values, times in each["samples"]],
             name,
         )
-        for each in said["recordings"]
+        for each in reply["recordings"]
     )
 
 

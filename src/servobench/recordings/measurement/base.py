@@ -45,7 +45,7 @@ class Stage(Protocol):
     def first_valid(self, first: int, t: Array) -> int:
         """Return the index of the first output that doesn't look back before the input number `first`, at times t (N,) [s].
 
-        A start state that decays for ever is no looking back: see `start_response`. N or more where no output is valid.
+        A start state that decays forever is no looking back: see `start_response`. N or more where no output is valid.
         """
         ...
 
@@ -64,7 +64,7 @@ class Stage(Protocol):
     def __call__(self, x: Array, t: Array) -> Array:
         """Return the output for a whole record: samples x at times t (N,) [s]; the fold of `step`.
 
-        x is (N,), or (N, P) for P signals beside each other; the output has the same shape.
+        x is (N,), or (N, P) for P signals side by side; the output has the same shape.
         """
         ...
 
@@ -203,7 +203,7 @@ class Chain:
         return tuple(states), x
 
     def __call__(self, x: Array, t: Array) -> Array:
-        """Return samples x, (N,) or (N, P) for P signals beside each other, at times t (N,) [s] after all stages.
+        """Return samples x, (N,) or (N, P) for P signals side by side, at times t (N,) [s] after all stages.
 
         Raises `UsageError` where times and samples don't match, or times don't increase.
         """
@@ -253,6 +253,13 @@ def _stages(name: str, words: tuple[str, ...]) -> tuple[Stage, ...]:
     if name not in STAGES.names():
         raise UnknownName("stage", name, (*STAGES.names(), *PRESETS))
     return (STAGES[name].parse(words),)
+
+
+def speed_of_position(stage: str, kind: Kind) -> Kind:
+    """Return "speed", which a differentiating stage yields of a position; raises `UsageError` if its input is a speed."""
+    if kind != "position":
+        raise UsageError(f"`{stage}` turns a position into a speed, and its input here is a speed already")
+    return "speed"
 
 
 def fold(stage: Stage | Chain, x: Array, t: Array) -> Array:

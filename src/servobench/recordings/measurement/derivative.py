@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.recordings.measurement.base import STAGES, Kind
+from servobench.recordings.measurement.base import STAGES, Kind, speed_of_position
 
 
 @STAGES.member("derivative")
@@ -39,11 +39,7 @@ class Derivative:
 
     def yields(self, kind: Kind) -> Kind:
         """A speed, of a position."""
-        if kind != "position":
-            raise UsageError(
-                "`derivative` turns a position into a speed, and its input here is a speed already"
-            )
-        return "speed"
+        return speed_of_position("derivative", kind)
 
     def first_valid(self, first: int, t: Array) -> int:
         """One sample later than the input."""

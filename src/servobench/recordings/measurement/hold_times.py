@@ -29,9 +29,9 @@ def hold_times(u: Array, handed: Array, held_since: Array, t: Array) -> Array | 
     which, rows = _match(handed, held_since, rows, changes)
     if not len(which) or 2 * len(which) < len(changes):
         return None
-    said = held_since[rows]
-    usual = handed + float(np.median(said - handed[which]))
-    times = _between(usual, which, said, t[rows - 1], changes)
+    stamps = held_since[rows]
+    usual = handed + float(np.median(stamps - handed[which]))
+    times = _between(usual, which, stamps, t[rows - 1], changes)
     return times if bool(np.all(np.diff(times) > 0.0)) else None
 
 
@@ -39,23 +39,23 @@ def _match(
     handed: Array, held_since: Array, rows: NDArray[np.int64], changes: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The voltages that `rows` tell of, each once and in order, and the rows that tell of them."""
-    said = held_since[rows]
+    stamps = held_since[rows]
 
     def last(way: float) -> NDArray[np.int64]:
         until = np.minimum(
-            np.searchsorted(handed[changes], said - way, side="right"), np.searchsorted(changes, rows)
+            np.searchsorted(handed[changes], stamps - way, side="right"), np.searchsorted(changes, rows)
         )
         return np.concatenate([[-1], changes])[until]
 
     which = last(0.0)
-    shortest = float(np.min((said - handed[which])[which >= 0], initial=np.inf))
+    shortest = float(np.min((stamps - handed[which])[which >= 0], initial=np.inf))
     which = last(max(shortest - _WHOLE, 0.0)) if np.isfinite(shortest) else which
     new = which > np.maximum.accumulate(np.concatenate([[-1], which]))[:-1]
     return which[new], rows[new]
 
 
 def _between(
-    usual: Array, which: NDArray[np.int64], said: Array, untold: Array, changes: NDArray[np.int64]
+    usual: Array, which: NDArray[np.int64], stamps: Array, untold: Array, changes: NDArray[np.int64]
 ) -> Array:
     """Times (N,) [s]: of the voltages `which` what was `said`, and of those between them the `usual`, where that can be.
 
@@ -63,9 +63,9 @@ def _between(
     """
     j = np.arange(len(usual))
     following = np.searchsorted(which, j)
-    ends, edges = np.append(which, len(usual)), np.append(said, np.inf)
+    ends, edges = np.append(which, len(usual)), np.append(stamps, np.inf)
     latest = edges[following] - (ends[following] - j) * _APART
-    begins, sides = np.insert(which, 0, -1), np.insert(said, 0, -np.inf)
+    begins, sides = np.insert(which, 0, -1), np.insert(stamps, 0, -np.inf)
     before = np.searchsorted(which, j, side="right")
     earliest = sides[before] + (j - begins[before]) * _APART
     came_late = np.isin(j, changes) & (usual <= np.append(untold, -np.inf)[following])

@@ -8,9 +8,8 @@ from typing import ClassVar, Self, TypeAlias
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.errors import UsageError
 from servobench.core.numbers import check_positive, number_text
-from servobench.recordings.measurement.base import STAGES, Kind
+from servobench.recordings.measurement.base import STAGES, Kind, speed_of_position
 from servobench.recordings.measurement.stage_text import quantity_in
 from servobench.recordings.measurement.window import first_filled
 
@@ -53,11 +52,7 @@ class LeastSquares:
 
     def yields(self, kind: Kind) -> Kind:
         """A speed, of a position."""
-        if kind != "position":
-            raise UsageError(
-                "`least_squares` turns a position into a speed, and its input here is a speed already"
-            )
-        return "speed"
+        return speed_of_position("least_squares", kind)
 
     def first_valid(self, first: int, t: Array) -> int:
         """The first output with a whole window of valid inputs, one sample later than the input at least."""

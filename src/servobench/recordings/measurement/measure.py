@@ -77,11 +77,11 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
     read, read_findings = drop_repeats(*finite_column(recording, output_series, "output"))
     kind = _shaft_kind(recording, read)
     _check_chains(recording, read, kind, declared, applied)
-    asked_for, told_by_device = read.t, latch_times(recording, read.t)
-    if told_by_device is not None:
-        read = replace(read, t=told_by_device)
+    scheduled, latched = read.t, latch_times(recording, read.t)
+    if latched is not None:
+        read = replace(read, t=latched)
     finished, findings = _output(read.in_si(), output_series.channel, declared, applied)
-    current, told = armature_current(recording, np.interp(finished.t, read.t, asked_for))
+    current, current_findings = armature_current(recording, np.interp(finished.t, read.t, scheduled))
     taken = write_times(recording, driven.t)
     data = Dataset(
         name=recording.name,
@@ -102,7 +102,7 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
         delay=recording.info.delay if recording.info else 0.0,
         hidden_delay=host_delay(recording, driven.t),
         current=current,
-        findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
+        findings=(*recording.findings, *input_findings, *read_findings, *findings, *current_findings),
         reference=_reference(recording, driven.t),
         reference_unit=_reference_unit(recording),
         chain_known=bool(recording.chain.strip()) or bool(applied),
@@ -211,8 +211,8 @@ def _output(
     elif column.quantity == "position" and all(
         isinstance(s, Unwrap | Scale) for s in (declared + applied).stages
     ):
-        column, told = _with_quantum(column, channel)
-        findings += told
+        column, quantum_findings = _with_quantum(column, channel)
+        findings += quantum_findings
     if declared.linear:
         column = replace(column, quantum=None)
     column, later_doubts = _through(column, applied.stages[len(at_front) :])

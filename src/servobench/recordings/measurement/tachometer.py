@@ -8,9 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.errors import UsageError
 from servobench.core.numbers import check_positive, number_text
-from servobench.recordings.measurement.base import STAGES, Kind
+from servobench.recordings.measurement.base import STAGES, Kind, speed_of_position
 from servobench.recordings.measurement.stage_text import quantity_in
 from servobench.recordings.measurement.window import Samples, edge, first_filled, slide
 
@@ -45,11 +44,7 @@ class Tachometer:
 
     def yields(self, kind: Kind) -> Kind:
         """A speed, of a position."""
-        if kind != "position":
-            raise UsageError(
-                "`tachometer` turns a position into a speed, and its input here is a speed already"
-            )
-        return "speed"
+        return speed_of_position("tachometer", kind)
 
     def first_valid(self, first: int, t: Array) -> int:
         """The first output with a whole window of valid inputs, one sample later than the input at least."""

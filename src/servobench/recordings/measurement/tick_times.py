@@ -20,8 +20,8 @@ def write_times(recording: Recording, t: Array) -> Array | None:
     sample, however long the computer took.
     """
     if _device_keeps_time(recording):
-        told = _device_hold_times(recording, t)
-        values = _to_device_time(recording, "written", t) if told is None else told
+        reported = _device_hold_times(recording, t)
+        values = _to_device_time(recording, "written", t) if reported is None else reported
     else:
         values = _values_at("written", recording, t)
     usable = values is not None and bool(np.all(values >= t)) and bool(np.all(np.diff(values) > 0))
@@ -33,7 +33,7 @@ def latch_times(recording: Recording, t: Array) -> Array | None:
 
     A device that keeps the host's time says it in a channel `latched` [s], in a count that began at another time. A sample can't
     be
-    latched before it's asked for, so the smallest distance of the two counts is taken for their difference: what is left
+    latched before it's asked for, so the smallest distance of the two counts counts as their difference: what is left
     unknown is the shortest time that an asking took. Where some sample would then have been latched after the voltage
     that answers to it, or the times don't increase, the device's count is no such clock: None, as where there is none.
     """

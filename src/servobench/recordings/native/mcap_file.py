@@ -231,10 +231,10 @@ def place_beside(path: Path) -> Path:
     raise FileNotFoundError(errno.ENOENT, "there is no folder to write in", str(path.parent))
 
 
-def elsewhere_text(asked: Path, path: Path) -> str:
+def elsewhere_text(requested: Path, path: Path) -> str:
     """Return the sentence that a recording isn't where it was to be, and what to do."""
     return (
-        f"{asked} was removed or renamed while it was written; the recording is in {path} (servobench identify "
+        f"{requested} was removed or renamed while it was written; the recording is in {path} (servobench identify "
         f"{path})"
     )
 

@@ -46,7 +46,7 @@ class Together:
 class RecordingWriter:
     """Writes recordings, one after the other, to a native file that can be read whatever happens to the writing.
 
-    `path` is where the file is once it is closed; until then, and for ever after an error, `.part` follows its name.
+    `path` is where the file is once it is closed; until then, and permanently after an error, `.part` follows its name.
     What `append` was given outlives this process, and a power cut about a second later.
     `now` is the clock of that second. Raises `UsageError` where there is a part already, and `StorageError`, with the part kept,
     where nothing more can be written.

@@ -36,7 +36,7 @@ class Udp:
 
     @property
     def port(self) -> int:
-        """The port that it listens at; the system's choice where 0 was asked for."""
+        """The port that it listens at; the system's choice where 0 was requested."""
         return int(self._socket.getsockname()[1]) if self._socket else self._address[1]
 
     def __enter__(self) -> Self:

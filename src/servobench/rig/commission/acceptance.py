@@ -76,7 +76,7 @@ class Acceptance:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data of the schema `servobench.commission/1`."""
-        told: dict[str, Any] = finite(
+        document: dict[str, Any] = finite(
             {
                 "schema": SCHEMA,
                 "device": {
@@ -94,7 +94,7 @@ class Acceptance:
                 "provenance": {"version": self.version, "created": self.created},
             }
         )
-        return told
+        return document
 
 
 def _as_data(checked: Checked) -> dict[str, Any]:

@@ -78,7 +78,7 @@ class Interlock(Exception):
 class Bench:
     """A device that is commissioned, with what is known of it so far.
 
-    `run` carries the experiments out, on the device that they name. No voltage beyond `limit` [V] is asked for, nor beyond the
+    `run` carries the experiments out, on the device that they name. No voltage beyond `limit` [V] is requested, nor beyond the
     device's own range. `person` is None where nobody can turn the shaft. With `until_wrap` the counter is turned until it wraps.
     Raises `UsageError` for a device that nothing drives, and a limit that isn't above 0 V.
     """
@@ -194,14 +194,14 @@ class Bench:
                 for voltage, duration in parts
             ],
         }
-        asked = self._experiment(signal, sum(duration for _, duration in parts), limits)
-        choice = asked.device
+        experiment = self._experiment(signal, sum(duration for _, duration in parts), limits)
+        choice = experiment.device
         if faults:
             choice = choice.model_copy(update={"faults": (*choice.faults, *faults)})
         if settings:
             choice = choice.model_copy(update={"settings": {**choice.settings, **settings}})
-        asked = asked.model_copy(update={"device": choice})
-        seen = self._run(asked, may_end=may_end, may_lose=may_lose)
+        experiment = experiment.model_copy(update={"device": choice})
+        seen = self._run(experiment, may_end=may_end, may_lose=may_lose)
         if tail and seen.recording.stopped.reason == "finished":
             self._check_rest(seen)
         return seen
@@ -230,8 +230,8 @@ class Bench:
     def _check_interlock(self, segments: Sequence[tuple[float, float]], limits: Mapping[str, Any]) -> None:
         # Asked this way round, as NaN isn't beyond any limit.
         if not all(abs(voltage) <= self.allowed * (1 + 1e-9) for voltage, _ in segments):
-            asked = ", ".join(f"{voltage:g} V" for voltage, _ in segments)
-            raise Interlock(f"{self._check}: {self.allowed:g} V are allowed by now; it asked for {asked}")
+            voltages = ", ".join(f"{voltage:g} V" for voltage, _ in segments)
+            raise Interlock(f"{self._check}: {self.allowed:g} V are allowed by now; it asked for {voltages}")
         driven = sum(duration for voltage, duration in segments if voltage)
         if not (self.is_settled("stop") or driven <= PULSE_TIME * (1 + 1e-9)):
             raise Interlock(f"{self._check}: {driven:g} s of a voltage were asked for before a stop was seen")
@@ -254,14 +254,19 @@ class Bench:
         )
 
     def _run(
-        self, asked: Experiment, *, look: Look | None = None, may_end: bool = False, may_lose: bool = False
+        self,
+        experiment: Experiment,
+        *,
+        look: Look | None = None,
+        may_end: bool = False,
+        may_lose: bool = False,
     ) -> Seen:
         again = len(self._begun) + 1
         name = (
             f"{len(self.outcomes) + 1:02d}-{self._check.replace('_', '-')}{f'-{again}' if again > 1 else ''}"
         )
         try:
-            recording = replace(self._carry_out(asked, name, look), name=name)
+            recording = replace(self._carry_out(experiment, name, look), name=name)
         except DeviceLost as error:
             lost = Stopped(reason="device_lost", sentence=str(error))
             recording = replace(error.recording, name=name, stopped=lost)

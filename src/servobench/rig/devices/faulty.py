@@ -35,7 +35,7 @@ SETTING = "faults"  # of a device's info, which lists the faults
 class Faulty:
     """A device around a device that injects faults into what is read and written; otherwise it is the device itself.
 
-    `faults` act in their order, the first nearest to the motor. They are asked for by name, never there by themselves, and told
+    `faults` act in their order, the first nearest to the motor. They are requested by name, never there by themselves, and told
     in the info's settings, in the recording's findings and in the report. `seed` is that of their chance; without one they take
     the run's. `sleep` waits for some time [s]; a test may count instead. `stop` always reaches the device.
     Raises `UsageError`, before anything moves, where the device can't have one of the faults.
@@ -69,8 +69,8 @@ class Faulty:
             info = fault.info_shown(info)
         if not self._faults:
             return info
-        told = "; ".join(map(text_of, self._faults))
-        return replace(info, settings=(*info.settings, (SETTING, told)))
+        faults = "; ".join(map(text_of, self._faults))
+        return replace(info, settings=(*info.settings, (SETTING, faults)))
 
     def __getattr__(self, name: str) -> Any:
         """Optional methods, such as that of a light, are those of the inner device."""
@@ -153,11 +153,11 @@ def with_faults(device: Device, tables: Sequence[Mapping[str, Any]]) -> Device:
 
 def injection_findings(info: DeviceInfo | None) -> tuple[Finding, ...]:
     """Return the finding that faults were injected, by what a device says of itself; empty where there were none."""
-    told = dict(info.settings).get(SETTING) if info else None
-    if not told:
+    faults = dict(info.settings).get(SETTING) if info else None
+    if not faults:
         return ()
     sentence = (
-        f"Faults were injected on purpose: {told}. They may explain anything odd in this recording; run the "
+        f"Faults were injected on purpose: {faults}. They may explain anything odd in this recording; run the "
         "experiment without them before you trust a result."
     )
     return (warning("faults-injected", sentence),)
@@ -232,7 +232,7 @@ def _check(fault: Fault, device: Device) -> None:
     reason = fault.unsupported(device)
     if reason is None:
         return
-    # Of a fault with settings that have to be given, what is asked for stands for it: only its kind matters here.
+    # Of a fault with settings that have to be given, what is requested stands for it: only its kind matters here.
     able = [name for name in FAULTS.names() if FAULTS[name].model_construct().unsupported(device) is None]
     raise UsageError(
         f"the device {device.info.name!r} can't have the fault {FAULTS.name_of(fault)!r}: {reason}; possible faults: "

@@ -271,7 +271,7 @@ class Guarded:
         return sample
 
     def write(self, voltage: float) -> float:
-        """Put out a voltage [V] within the limits, and return what the device puts out; raises `RunEnded` as `read` does."""
+        """Apply a voltage [V] within the limits, and return what the device puts out; raises `RunEnded` as `read` does."""
         commanded = voltage if type(voltage) is float else voltage_or_nan(voltage)
         if self._fault is not None:
             return self._hold_output(commanded)
@@ -307,7 +307,7 @@ class Guarded:
         return applied
 
     def stop(self) -> None:
-        """Put out the terminate value, then stop the device; never raises.
+        """Apply the terminate value, then stop the device; never raises.
 
         If the device's own stop fails, zero volts are written and stop is called again. Where that fails as well nothing
         is written any more, so that the device's own watchdog starves and stops the motor, and a fault is latched. Where one of

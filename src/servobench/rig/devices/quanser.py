@@ -127,12 +127,12 @@ class Quanser:
                 Channel(name="tachometer", unit="rad/s", resolution=2 * math.pi / COUNTS_PER_REV),
             ]
         given = self.settings.model_dump(exclude_defaults=True)
-        told = (("board", self.settings.board), *((n, str(v)) for n, v in given.items() if n != "board"))
+        settings = (("board", self.settings.board), *((n, str(v)) for n, v in given.items() if n != "board"))
         return DeviceInfo(
             name="quanser",
             channels=tuple(channels),
             timing="device",
-            settings=(*told, ("watchdog_state", self.watchdog)),
+            settings=(*settings, ("watchdog_state", self.watchdog)),
         )
 
     def __enter__(self) -> Self:
@@ -253,11 +253,11 @@ class Quanser:
     def write(self, voltage: float) -> float:
         """Put a voltage [V] out until the next one, and return it as limited; 0 V where `stop` came before."""
         self._needs_board()
-        asked = finite_voltage("quanser", voltage)
+        requested = finite_voltage("quanser", voltage)
         if not self._driven:
             return 0.0
         limit = self.settings.voltage_limit
-        put = max(-limit, min(limit, asked))
+        put = max(-limit, min(limit, requested))
         self._put(put)
         self._feed_watchdog()
         return put
@@ -338,7 +338,7 @@ class Quanser:
                 card.task_delete(task)
 
     def _call(self, what: str, act: Callable[[], Any]) -> Any:
-        """Do what the board is asked for; its error becomes a `DeviceError` with its words."""
+        """Call the board; its error becomes a `DeviceError` with its words."""
         try:
             return act()
         except self._error as error:

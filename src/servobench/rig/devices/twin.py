@@ -254,7 +254,7 @@ class Twin:
     def read_after(self, delay: float) -> Sample:
         """Latch the next sample a time [s] after its tick; what is written then acts from that time on.
 
-        Raises `UsageError` beside the wall clock, where each sample is latched when it is asked for.
+        Raises `UsageError` beside the wall clock, where each sample is latched when it is requested.
         """
         plant = self._require_plant()
         if delay and self.settings.timing == "host":
@@ -275,12 +275,12 @@ class Twin:
     def write(self, voltage: float) -> float:
         """Hold a voltage [V] from now on, and return it within the amplifier's limits."""
         plant = self._require_plant()
-        asked = finite_voltage("twin", voltage)
+        requested = finite_voltage("twin", voltage)
         if self._has_expired(self._now()):
             return 0.0
         self._fed = self._now()
-        plant.act(self._amplifier.output(asked), self._now() + self.settings.delay)
-        return self._amplifier.saturate(asked)
+        plant.act(self._amplifier.output(requested), self._now() + self.settings.delay)
+        return self._amplifier.saturate(requested)
 
     def stop(self) -> None:
         """Put zero volts on the motor, at once."""

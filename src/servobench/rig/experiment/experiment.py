@@ -108,7 +108,7 @@ class Experiment(Settings):
     seed: Seed = 0
     """Seed of simulated noise; None (in a file "random") takes another one for each run."""
     chain: Text = ""
-    """Measurement chain through which the recording is to be looked at, such as `derivative | lowpass 50 rad/s`."""
+    """Measurement chain through which the recording is to be examined, such as `derivative | lowpass 50 rad/s`."""
     nominal: Text = ""
     """Name of the data sheet that the result is compared with."""
     until: Text = ""

@@ -59,13 +59,13 @@ class Watchdog(Outputs):
         """Raise `UsageError` for a sample time [s] above half of the timeout: a loop in real time needs two."""
         if not 2 * sample_time > self.timeout:
             return
-        asked = f"limits.watchdog.timeout is {self.timeout:g} s; expected at least two samples of {sample_time:g} s"
+        sentence = f"limits.watchdog.timeout is {self.timeout:g} s; expected at least two samples of {sample_time:g} s"
         if 2 * sample_time <= LONGEST_TIMEOUT:
             raise UsageError(
-                f"{asked}: raise it to {2 * sample_time:g} s, or use a sample time of at most {self.timeout / 2:g} s"
+                f"{sentence}: raise it to {2 * sample_time:g} s, or use a sample time of at most {self.timeout / 2:g} s"
             )
         raise UsageError(
-            f"{asked}; it can't exceed {LONGEST_TIMEOUT:g} s, so use a sample time of at most "
+            f"{sentence}; it can't exceed {LONGEST_TIMEOUT:g} s, so use a sample time of at most "
             f"{LONGEST_TIMEOUT / 2:g} s in real time (at most {self.timeout / 2:g} s with this timeout)"
         )
 

@@ -168,7 +168,7 @@ def _follows(problem: ErrorDetails, problems: Sequence[ErrorDetails]) -> bool:
 
 def _sentence(problem: ErrorDetails) -> str:
     """One problem in our words; what the validator says of an "Input" is said of the value that stands in the file."""
-    code, said = problem["type"], problem["msg"].removeprefix("Value error, ")
+    code, message = problem["type"], problem["msg"].removeprefix("Value error, ")
     if code == "missing":
         if problem["loc"] == ("signal",):
             known = ", ".join(SIGNALS.names())
@@ -189,7 +189,7 @@ def _sentence(problem: ErrorDetails) -> str:
         return f"{value} has too few entries; expected at least {least}"
     if code == "string_type":
         return f"{value} should be a text in quotes"
-    return re.sub(r"^(Input|Tuple|String)\b", lambda _: value, said)
+    return re.sub(r"^(Input|Tuple|String)\b", lambda _: value, message)
 
 
 def _path_text(path: KeyPath) -> str:
@@ -212,9 +212,9 @@ def _line_text(text: str, line: int) -> str:
     stands = lines[line - 1].strip() if line <= len(lines) else ""
     if not stands:
         return ""
-    told = stands if len(stands) <= _LONGEST_VALUE else f"{stands[: _LONGEST_VALUE - 3]}..."
+    value = stands if len(stands) <= _LONGEST_VALUE else f"{stands[: _LONGEST_VALUE - 3]}..."
     hint = next((f"; {hint}" for pattern, hint in _OFTEN if re.search(pattern, stands)), "")
-    return f": `{told}`{hint}"
+    return f": `{value}`{hint}"
 
 
 _OFTEN = (
@@ -229,11 +229,11 @@ def parse(text: str, name: str) -> dict[str, Any]:
     try:
         return toml.loads(text)
     except tomllib.TOMLDecodeError as error:
-        said = str(error)
-        place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", said)
+        message = str(error)
+        place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", message)
         line = int(place[1]) if place and place[1] else text.count("\n") + 1
         column = f" (column {place[2]})" if place and place[2] else " (end of the file)"
-        reason = said[: place.start()] if place else said
+        reason = message[: place.start()] if place else message
         raise ExperimentError(
             f"{name}:{line}: this isn't TOML: {reason}{column}{_line_text(text, line)}"
         ) from None

@@ -37,7 +37,7 @@ class Command(Settings):
     enabled: bool | None = None
     """Whether the controller's voltage is applied; if not, zero volts."""
     chain: str | None = None
-    """Measurement chain through which the rows are to be looked at from now on; the loop passes it on."""
+    """Measurement chain through which the rows are to be examined from now on; the loop passes it on."""
     acknowledge: bool = False
     """Whether a latched fault is acknowledged, so that the motor may turn again."""
     stop: str | None = None

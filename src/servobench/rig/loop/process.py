@@ -252,7 +252,7 @@ class LoopProcess:
     ) -> RecorderProcess:
         """Start a recorder of the rows from number `first` on, for `duration` [s] or until `end_recording`, and return it.
 
-        `experiment` is what the recording is to say that was asked for. One at a time. The loop doesn't look at how it goes:
+        `experiment` is what the recording is to say that was requested. One at a time. The loop doesn't look at how it goes:
         whoever asked sees it by the words `RECORDER_STATE` and `ROWS_KEPT` of `ring`.
         """
         late = Late(row=first, event=self._events.written, info=info_to_json(self.info), duration=duration)
@@ -483,7 +483,7 @@ class LoopProcess:
         )
         with hold_interrupts():
             process = subprocess.Popen(
-                # -P: nothing that lies in the user's folder is taken for a module.
+                # -P: nothing that lies in the user's folder counts as a module.
                 [sys.executable, "-P", "-m", "servobench.rig.loop.child"],
                 stdin=subprocess.PIPE,
                 # A driver that prints must neither wait for a full pipe nor get into what this process puts out.

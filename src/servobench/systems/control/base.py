@@ -43,7 +43,7 @@ class Controller(Protocol):
 
         That is a bumpless switch to this law, from any other or from the same with other gains: `voltage` [V] is what was applied
         last. A law without feedback, whose reference is in V, gives its reference instead. `sample.counts` may be the counter's
-        value or the unwrapped travel, which agree up to whole wraps: given the travel, the position goes on where it was, given
+        value or the unwrapped travel, which agree up to whole wraps: given the travel, the position continues from there, given
         the counter, it starts again within the counter's range.
         Raises `UsageError` as `start` does.
         """

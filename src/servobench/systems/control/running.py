@@ -108,7 +108,7 @@ def take_over(
 ) -> Running:
     """Return a running law from which that sample gives that voltage [V].
 
-    What it would give by itself is made up by its integral, where it has one, for ever; otherwise by a bias that fades with
+    What it would give by itself is made up by its integral, where it has one, permanently; otherwise by a bias that fades with
     `fade_time` [s], or by nothing where that is 0.
     """
     from servobench.systems.control.kernels import BIAS, INTEGRAL, SEEN, TAKEN_OVER

@@ -27,7 +27,7 @@ from servobench.systems.transfer_function import TransferFunction
 _STEP = 0.4  # rad; a phase that moves less between two frequencies, and half as much to the middle, hasn't gone round unseen
 _TOUCH = 1e-9  # |F| against its parts; nearer to zero F is taken to be zero
 _ROUNDS = 60  # halvings of a step
-_MOST = 200_000  # frequencies looked at
+_MOST = 200_000  # frequencies examined
 _LARGEST = (
     1e150  # of a coefficient, the square of which is a floating-point number, too, and that of its inverse
 )

@@ -107,8 +107,10 @@ def _reason(pole: Pole, left: int) -> str:
         return f"The pole at {where} 1/s{times} is {side}: its response grows without any input.{hidden}"
     kept = "oscillates without decay after" if at.imag else "keeps"
     bounded = "a sinusoid of that frequency" if at.imag else "a constant"
-    said = f"The simple pole at {where} 1/s is {side}: the output {kept} its value"
-    return f"{said}.{hidden}" if hidden else f"{said}, and {bounded} as input drives it without bound."
+    sentence = f"The simple pole at {where} 1/s is {side}: the output {kept} its value"
+    return (
+        f"{sentence}.{hidden}" if hidden else f"{sentence}, and {bounded} as input drives it without bound."
+    )
 
 
 def _cancellation_text(count: int, left: int) -> str:

@@ -140,8 +140,8 @@ def step_response(
     found = [unit_step(controller, k, tau, d, sample_time, ticks) for k, tau, d in motors]
     rows = np.array([(each.overshoot, each.rise_time) for each in found])
     low, high = np.quantile(rows[1:], (0.025, 0.975), axis=0)
-    told = {
+    values = {
         name: LoopValue(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
         for n, (name, unit) in enumerate({"overshoot": "1", "rise_time": "s"}.items())
     }
-    return told, found[0].peak
+    return values, found[0].peak

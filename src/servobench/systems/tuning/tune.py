@@ -1,6 +1,6 @@
 """The verb `tune`: a controller for an identified motor and a specification, with its margins; or why there is none.
 
-What is refused, and why from there on, is told in docs/decisions/0019-control.md.
+What is refused, and why from there on, is explained in docs/decisions/0019-control.md.
 """
 
 from __future__ import annotations
@@ -222,8 +222,8 @@ def _nearest(finder: Method, motor: FirstOrderMotor, wish: Wish) -> str:
         for factor, word in ((_STEP**n, "fastest"), (_STEP**-n, "slowest")):
             if _is_feasible(finder, motor, wish.slower(factor)):
                 # Beyond by more than the rounding of what is printed.
-                told = finder.speed_text(wish.slower(factor * (_SLACK if factor > 1 else 1 / _SLACK)))
-                return f"; the {word} possible is about {told}"
+                speed = finder.speed_text(wish.slower(factor * (_SLACK if factor > 1 else 1 / _SLACK)))
+                return f"; the {word} possible is about {speed}"
     return ""
 
 
@@ -324,6 +324,6 @@ def _complex(pole: complex) -> dict[str, float]:
     return {"real": pole.real, "imaginary": pole.imag}
 
 
-def _plain(told: LoopValue) -> dict[str, Any]:
-    value, low, high = (x if math.isfinite(x) else None for x in (told.value, *told.interval))
-    return {"value": value, "interval": [low, high], "level": 0.95, "unit": told.unit}
+def _plain(quantity: LoopValue) -> dict[str, Any]:
+    value, low, high = (x if math.isfinite(x) else None for x in (quantity.value, *quantity.interval))
+    return {"value": value, "interval": [low, high], "level": 0.95, "unit": quantity.unit}

@@ -20,7 +20,7 @@ def wander_ratio(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau
 
     Near the maximum a block of samples says as much as a measured position off the prediction by Σ score / Σ information, of
     variance 1 / Σ information, the information being that expected where the shaft was: then a block in which nothing came
-    near an edge weighs next to nothing. These are held against a wandering speed like any other positions. Unlike the
+    near an edge weighs next to nothing. These are compared with a wandering speed like any other positions. Unlike the
     residuals behind an encoder they are white where nothing wanders, so that a ratio above 5.41 has a chance of 1 in 100: half
     of a χ² of one degree of freedom, as no torque is on the edge of what can be (Self and Liang 1987).
     """

@@ -24,7 +24,7 @@ Lines = NDArray[np.int64]
 
 _EXCITED = 1e-4  # of the strongest line; what rounding leaves of a computed signal is far below, a square's harmonics above
 _SAME = 1e-3  # of the range: samples a period apart that differ by less are the same
-_QUIET = 0.4  # of the lines between the first and the last excited one, for these to be looked at one by one
+_QUIET = 0.4  # of the lines between the first and the last excited one, for these to be examined one by one
 _FEWEST = 24  # lines
 
 

@@ -79,7 +79,7 @@ class Path:
     def transient(self, system: TransferFunction) -> Complex:
         """Return the shape (K,) of what start states add: 1/(1 - e^(pT) z⁻¹) for the poles p of the system and of the filters.
 
-        A pole at zero has gone with the difference; one on the right is taken for its mirror image.
+        A pole at zero has gone with the difference; one on the right counts as its mirror image.
         """
         z = np.exp(1j * self.omega * self.sample_time)
         shape = np.ones(len(z), dtype=np.complex128)

@@ -75,7 +75,7 @@ class PositionLoop:
         return (START_POSITION, START_SPEED, *filter_parameters(data))
 
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
-        """Return the bounds of the parameters; those of delay and time constant are told in `FirstOrder.bounds`."""
+        """Return the bounds of the parameters; those of delay and time constant are explained in `FirstOrder.bounds`."""
         step = max(record.sample_time for record in data)
         nearest = {"delay": -2 * step, "time_constant": 0.01 * step, "loop_gain": 1e-6 / step}
         lower = [nearest.get(parameter.name, parameter.lower) for parameter in self.parameters]

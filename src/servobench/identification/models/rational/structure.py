@@ -148,7 +148,7 @@ class Rational:
         """The derivatives of the shaft by the parameters, the start states and the output at no input, (M, P + N + 1).
 
         By a_i: -s^(n-i)/A of the output without the part at no input. By d: minus the slope of the forced response, of which the
-        input that has acted for ever is no part.
+        input that has acted forever is no part.
         """
         extra = int(self.integrates(data))
         n, m = self.order, self.zeros
@@ -180,7 +180,7 @@ class Rational:
         return np.empty((len(data.y), 0))
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
-        """Return B/A e^(-ds), times or over s where the other of position and speed is asked for than B/A belongs to."""
+        """Return B/A e^(-ds), times or over s where the other of position and speed is requested than B/A belongs to."""
         n, m = self.order, self.zeros
         numerator = tuple(float(b) for b in theta[n : n + m + 1])
         denominator = (1.0, *(float(a) for a in theta[:n]))

@@ -1,4 +1,4 @@
-"""Viscous friction: drag in proportion to the speed, which a data sheet seldom gives."""
+"""Viscous friction: drag in proportion to the speed, which a data sheet rarely gives."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from servobench.identification.reconciliation.base import CAUSES, Decision, Excl
 from servobench.rig.experiment.experiment import Experiment
 from servobench.systems.signals.pulse import Pulse
 
-_SD = 0.1  # of R b/k²: bearings and brushes of small motors take a few per cent of the speed, seldom more than a fifth
+_SD = 0.1  # of R b/k²: bearings and brushes of small motors take a few per cent of the speed, rarely more than a fifth
 _LOST = 0.05  # of R b/k²: what a motor of unknown friction may have to lose
 
 
@@ -72,7 +72,7 @@ class ViscousFriction:
             "Bring the motor to speed, open the winding (no current) and let it coast: with viscous friction alone "
             "the speed falls as e^(-t b/J), Coulomb friction along a straight line"
         )
-        # Held for long enough to be at speed; the coasting is looked at with the winding open.
+        # Held for long enough to be at speed; the coasting is examined with the winding open.
         return Decision(
             sentence=f"{told}.",
             experiment=Experiment(

@@ -42,8 +42,8 @@ def _of(data: Dataset) -> list[Finding]:
 def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
     """Return the indices (K,) of the samples of y (N,) at times t (N,) [s] after which it goes on from somewhere else.
 
-    A step from one sample to the next is held against those two before and after it, which have to agree with each other. What
-    it departs from them by is held against the 99th percentile of all and against four quanta. A shaft that friction lets go for
+    A step from one sample to the next is compared with those two before and after it, which have to agree with each other. What
+    it departs from them by is compared with the 99th percentile of all and with four quanta. A shaft that friction lets go for
     a moment, slowly sampled, steps as well: from rest to rest, and no faster than it goes elsewhere.
     """
     if len(y) < 50:

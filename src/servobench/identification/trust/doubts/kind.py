@@ -14,7 +14,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
 _NEARLY_ALL = 90.0  # percent: what explains so much, with a gain that is known, is the right kind
-_LEFT = 0.5  # of the misfit may be left of an output that is taken for what it is
+_LEFT = 0.5  # of the misfit may be left of an output taken as what it is
 _ENOUGH = 5000  # samples to tell the two kinds apart
 _BEHAVES = {
     "position": "it goes on growing while the input stands still",

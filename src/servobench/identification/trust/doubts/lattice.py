@@ -6,7 +6,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 
-_MOST = 20_000  # values that are looked at
+_MOST = 20_000  # values that are examined
 _SAME = 1e-9  # of the range: what differs less is the same value, computed in two ways
 
 

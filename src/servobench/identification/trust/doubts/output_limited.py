@@ -10,7 +10,9 @@ from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
-_UPPER = 0.7  # of the highest speed simulated: what lies above is held against what lies between the next two
+_UPPER = (
+    0.7  # of the highest speed simulated: what lies above is compared with what lies between the next two
+)
 _LOWER = (0.1, 0.6)
 _FLAT = 0.4  # of the slope below: of 40 real motors' speeds the flattest keeps 0.5
 _FEWEST = 20  # samples in either range
@@ -50,7 +52,7 @@ def _limit(simulated: Array, measured: Array) -> float | None:
 def _slope(x: Array, y: Array) -> tuple[float, float]:
     """The slope of a line through points, and its standard error; infinite where x stands still.
 
-    What is left over is taken for a first-order process: with a correlation ρ from one sample to the next, N samples are worth
+    What is left over counts as a first-order process: with a correlation ρ from one sample to the next, N samples are worth
     N (1 - ρ)/(1 + ρ) (Bartlett 1946).
     """
     x, y = x - x.mean(), y - y.mean()

@@ -14,7 +14,7 @@ _LEAST = 0.08  # of the input's own spread: what the lag makes of the input; a s
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
-    """Whether u - u/(τ s + 1), what the lag holds back of the input, is small beside the input's spread in all records."""
+    """Whether u - u/(τ s + 1), what the lag holds back of the input, is small compared with the input's spread in all records."""
     if "time_constant" not in fit.model.names:
         return []
     estimate = fit["time_constant"]

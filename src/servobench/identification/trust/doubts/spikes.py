@@ -39,7 +39,7 @@ def _of(data: Dataset) -> list[Finding]:
 def spikes(y: Array, quantum: float) -> NDArray[np.int64]:
     """Return the indices (K,) of single values of y (N,) that lie far off both neighbours, on the same side of both.
 
-    The departure from the mean of the neighbours is held against the 98th percentile of all, and against two quanta.
+    The departure from the mean of the neighbours is compared with the 98th percentile of all, and with two quanta.
     """
     if len(y) < 50:
         return np.array([], dtype=np.int64)

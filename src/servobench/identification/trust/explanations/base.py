@@ -107,7 +107,7 @@ def is_cause(finding: Finding) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Causes:
-    """The possible causes of bad fits. Each is looked for and fitted once, however often it is asked for.
+    """The possible causes of bad fits. Each is looked for and fitted once, however often it is requested.
 
     `known` are output error's fits of these records by the names of their structures, as far as they have been made.
     """

@@ -27,7 +27,7 @@ PAUSE, REST_SPARE = (
     0.7,
 )  # s between steps: less than a run ends with, as a step that doesn't begin at rest is left out
 BEFORE = 0.05  # s at rest before a step
-LOW, HIGH = 3.0, 80.0  # counts of motion between which the beginning of a motion is looked at
+LOW, HIGH = 3.0, 80.0  # counts of motion between which the beginning of a motion is examined
 FEWEST_SAMPLES, FEWEST_STEPS = 5, 4
 BEND = 0.01  # of the length of that part of the motion: what a parabola of the root misses of a shaft with friction and winding
 

@@ -11,7 +11,7 @@ from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
 
-DURATION, FIRST = 0.6, 0.3  # s; and the part before the speed is looked at
+DURATION, FIRST = 0.6, 0.3  # s; and the part before the speed is examined
 CLEARLY = 5.0  # counts
 
 

@@ -38,9 +38,9 @@ class Fault:
         return cls(code=alarm.code, sentence=sentence, time=time)
 
 
-def faults_found(faults: Iterable[Fault], told: Iterable[Finding]) -> list[Finding]:
+def faults_found(faults: Iterable[Fault], findings: Iterable[Finding]) -> list[Finding]:
     """Return a finding for each fault whose code hasn't been reported yet."""
-    known = {finding.code for finding in told}
+    known = {finding.code for finding in findings}
     return [_finding(fault) for fault in faults if fault.code not in known]
 
 

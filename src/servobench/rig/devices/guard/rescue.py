@@ -22,7 +22,7 @@ def first_that_works(attempts: Sequence[Attempt], patience: float = PATIENCE) ->
     for attempt in attempts:
         outcome: list[BaseException | None] = []
         thread = threading.Thread(
-            target=lambda made=attempt, told=outcome: told.append(made()),
+            target=lambda made=attempt, results=outcome: results.append(made()),
             name="servobench rescue",
             daemon=True,
         )

@@ -1,6 +1,6 @@
 """A run in virtual time in compiled blocks of ticks, where every part of it is built in.
 
-Why it is so is told in docs/decisions/0057-one-compiled-pass.md.
+Why it is so is explained in docs/decisions/0057-one-compiled-pass.md.
 """
 
 from __future__ import annotations

@@ -48,8 +48,8 @@ def _duty_turns_the_motor(session: Session) -> None:
         session.ask("sampling", period=10, block=0)
         _drive(session, duty, 0.5)
         samples = session.some("sample")
-        told = {each["duty"] for each in samples[5:]}
-        expect(told == {duty}, f"samples tell the duties {sorted(told)[:5]}; expected {duty}")
+        duties = {each["duty"] for each in samples[5:]}
+        expect(duties == {duty}, f"samples tell the duties {sorted(duties)[:5]}; expected {duty}")
         moved.append(samples[-1]["position"] - samples[0]["position"])
         session.rest()
     expect(
