@@ -15,6 +15,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -245,8 +246,8 @@ WAYS: dict[str, Callable[[Page], Callable[[], None]]] = {
 def unseen(browser: Any, program: Program, journal: Journal, way: str) -> Outcome:
     """Drive the motor from a page, do that to the page, and return what became of the motor.
 
-    A fault, such as a loop that a busy computer has held up, stops the motor as well and tells nothing of the page: then it is
-    done again.
+    A fault, such as a loop that a busy computer has held up, stops the motor as well and tells nothing of the page. Nor does a
+    time that is over the limit by less than the loop's process stood still meanwhile. Then it is done again.
     """
     for _ in range(5):
         with ExitStack() as stack:
@@ -263,7 +264,8 @@ def unseen(browser: Any, program: Program, journal: Journal, way: str) -> Outcom
             finally:
                 if undo is not None:
                     undo()
-            if ended is not None:
+            over = journal.driven_until() - done - LIMIT
+            if ended is not None and not 0 < over <= stalled(journal, done):
                 page.page.wait_for_function("() => true")  # it goes on
                 beats = page.page.evaluate("() => beats")
                 return Outcome(
@@ -283,6 +285,12 @@ def watched(onlooker: Onlooker, journal: Journal, done: float) -> float | None:
             return now
         time.sleep(0.02)
     return done + LONG
+
+
+def stalled(journal: Journal, begin: float) -> float:
+    """The longest time for which no voltage was written, from a monotonic time until zero volts [s]: nothing ran meanwhile."""
+    times = [begin, *(when for when, _ in journal.lines() if begin < when <= journal.driven_until())]
+    return max((b - a for a, b in pairwise(times)), default=0.0)
 
 
 def furthest(beats: list[tuple[float, int]], onlooker: Onlooker, begin: float, end: float) -> float:
