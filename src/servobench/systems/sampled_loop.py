@@ -328,22 +328,40 @@ def sampled_margins(loop: SampledLoop) -> Margins:
     gain crossover, and none at all (NaN) with |L| < 1. As `margins` does it tells stability only of a loop with one gain
     crossover and no pole outside the unit circle.
     """
+    return margins_and_gain_range(loop)[0]
+
+
+def margins_and_gain_range(loop: SampledLoop) -> tuple[Margins, tuple[float, float]]:
+    """Return the margins of a sampled loop, and the factors on its gain, below and above 1, that end its stability.
+
+    The margins are those of `sampled_margins`; a factor is 0 or infinite where none ends the stability.
+    """
     n = np.trim_zeros(np.asarray(loop.numerator), "f")
     if not len(n):
-        return Margins(
+        none = Margins(
             gain_margin=math.inf,
             phase_margin=math.inf,
             delay_margin=math.inf,
             gain_crossover=math.nan,
             phase_crossover=math.nan,
         )
+        return none, (0.0, math.inf)
     course = _Course.of(loop, n)
     crossovers = gain_crossovers(course.ratio)
+    met = [*_at_the_ends(loop, n), *_between(course, crossovers, _nearest_to_one)]
+    below = max((factor for factor, _ in met if factor < 1), default=0.0)
+    above = min((factor for factor, _ in met if factor >= 1), default=math.inf)
+    return _margins_of(loop, course, crossovers, met), (below, above)
+
+
+def _margins_of(
+    loop: SampledLoop, course: _Course, crossovers: list[float], met: list[tuple[float, float]]
+) -> Margins:
+    """The margins by the gain crossovers [v] and the points of phase -180°, as 1/|L| and α."""
     left = [wrap_phase(_TURN * course.turns(math.atan(v))) for v in crossovers]
     omegas = [loop.omega(v) for v in crossovers]
     nearest = min(range(len(left)), key=lambda k: abs(left[k]), default=None)
-    factors = [*_at_the_ends(loop, n), *_between(course, crossovers, _nearest_to_one)]
-    factor, alpha = min(factors, key=lambda pair: apart(pair[0]), default=(math.inf, math.nan))
+    factor, alpha = min(met, key=lambda pair: apart(pair[0]), default=(math.inf, math.nan))
     return Margins(
         gain_margin=factor,
         phase_margin=math.inf if nearest is None else left[nearest],
@@ -352,19 +370,6 @@ def sampled_margins(loop: SampledLoop) -> Margins:
         ),
         gain_crossover=omegas[nearest] if nearest is not None else course.nowhere_one,
         phase_crossover=2 * alpha / loop.sample_time,
-    )
-
-
-def sampled_gain_range(loop: SampledLoop) -> tuple[float, float]:
-    """Return the factors on the gain, below and above 1, that end the stability of a loop: 0 and infinite where none does."""
-    n = np.trim_zeros(np.asarray(loop.numerator), "f")
-    if not len(n):
-        return 0.0, math.inf
-    course = _Course.of(loop, n)
-    met = _between(course, gain_crossovers(course.ratio), _nearest_to_one)
-    factors = [factor for factor, _ in (*_at_the_ends(loop, n), *met)]
-    return max((k for k in factors if k < 1), default=0.0), min(
-        (k for k in factors if k >= 1), default=math.inf
     )
 
 
@@ -413,8 +418,8 @@ class _Course:
     def factor(self, alpha: float) -> float:
         """1/|L|."""
         w = 1j * math.tan(alpha)
-        size = abs(np.polyval(self.ratio.numerator, w) / np.polyval(self.ratio.denominator, w))
-        return 1 / float(size) if size else math.inf
+        above = abs(_value(self.ratio.numerator, w))
+        return abs(_value(self.ratio.denominator, w)) / above if above else math.inf
 
     @property
     def nowhere_one(self) -> float:
@@ -432,6 +437,14 @@ class _Course:
             if root.imag and abs(root.real) <= _LEVEL * abs(root.imag)
         ]
         return [*(math.sqrt(square) for square in turning), *jumps]
+
+
+def _value(polynomial: Sequence[float], w: complex) -> complex:
+    """P(w) by Horner's rule: of a few coefficients NumPy's takes ten times as long."""
+    total = 0j
+    for coefficient in polynomial:
+        total = total * w + coefficient
+    return total
 
 
 def _at_the_ends(loop: SampledLoop, n: Array) -> list[tuple[float, float]]:
@@ -463,8 +476,10 @@ def _between(
         start, end = low + _EDGE * (high if low == 0 else low), high * (1 - _EDGE)
         first, last = course.turns(start), course.turns(end)
         levels = range(math.ceil(min(first, last) + _LEVEL), math.floor(max(first, last) - _LEVEL) + 1)
-        from_start = apart(course.factor(start)) < apart(course.factor(end))
-        for level in chosen(levels, from_start == (first < last)):
+        rises = first < last
+        if len(levels) > 1 and not apart(course.factor(start)) < apart(course.factor(end)):
+            rises = not rises
+        for level in chosen(levels, rises):
             at = float(
                 brentq(
                     lambda alpha, level=level: course.turns(alpha) - level, start, end, xtol=1e-15, rtol=1e-13

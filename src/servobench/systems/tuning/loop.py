@@ -17,9 +17,8 @@ from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.sampled_loop import (
     SampledLaw,
     SampledLoop,
-    sampled_gain_range,
+    margins_and_gain_range,
     sampled_loop,
-    sampled_margins,
 )
 from servobench.systems.transfer_function import TransferFunction
 from servobench.systems.tuning.base import Tunable
@@ -109,6 +108,5 @@ def nominal_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: fl
 
 
 def _of_the_loop(loop: SampledLoop) -> tuple[float, ...]:
-    found = sampled_margins(loop)
-    low, high = sampled_gain_range(loop)
+    found, (low, high) = margins_and_gain_range(loop)
     return high, 1 / low if low else math.inf, found.phase_margin, found.delay_margin, found.gain_crossover
