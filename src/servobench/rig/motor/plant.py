@@ -78,6 +78,9 @@ class Plant:
 
     def _advance(self, time: float) -> None:
         while (left := time - self._now) > SAME * self._tick:
+            if self._stays_at_rest:
+                self._now = time
+                return
             whole = left > (1 - SAME) * self._tick
             step = self._tick if whole else left
             if self.blocked:
@@ -86,6 +89,11 @@ class Plant:
                 self.state = self.solver.advance(self.state, self._voltage, step)
                 self._disturb(step)
             self._now = time if left <= (1 + SAME) * self._tick else self._now + step
+
+    @property
+    def _stays_at_rest(self) -> bool:
+        """Whether nothing drives the motor, which has no current and stands still: no tick changes anything."""
+        return self._voltage == self.state.current == self.state.speed == 0.0 and self.factor is None
 
     def _hold_shaft(self, step: float) -> MotorState:
         """The state after a step [s] with the shaft held where it is: L di/dt = v - R i, without back-emf."""
