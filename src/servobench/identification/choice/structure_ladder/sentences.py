@@ -30,7 +30,7 @@ _SAYS = {
     "coulomb_gravity": "Gravity acts on the shaft, as on an arm or a pendulum, and so does Coulomb friction",
     "asymmetric": "Friction differs between the two directions",
     "load": "Friction grows with gravity's load on the shaft",
-    "winding": "The current lags behind the voltage because of the winding's inductance",
+    "winding": "A second lag is needed, as that of the winding's inductance",
 }
 _MEASURED = "There is a second lag, the winding's or that of whatever filtered the speed"
 """In place of the winding's inductance where it isn't known how a speed was measured."""
