@@ -23,7 +23,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
-from servobench.core.rounding import TWO_SIDED, round_value
+from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.least_squares import (
@@ -158,9 +158,12 @@ def is_usual(fit: Fit) -> bool:
     return surprise(fit) < _USUAL_SURPRISE
 
 
-def finding(minimum: Minimum, prior: DelayPrior, covariance: Array) -> Finding:
-    """Return what to say of a delay that is expected and not determined; `covariance` (P, P) is that with the prior."""
-    value, half = minimum.theta[prior.at], TWO_SIDED * float(np.sqrt(covariance[prior.at, prior.at]))
+def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
+    """Return what to say of a delay that is expected and not determined.
+
+    Its interval is left to the table of parameters: what is allowed for later, such as a model's error, is part of it.
+    """
+    value = float(minimum.theta[prior.at])
     usual = abs(value - prior.middle) <= prior.scale
     why = (
         "as is usual in control loops" if usual else "which fits best, though few loops have so long a delay"
@@ -168,7 +171,7 @@ def finding(minimum: Minimum, prior: DelayPrior, covariance: Array) -> Finding:
     return info(
         CODE,
         f"These data can't separate the delay from friction and the time constant. It is taken as "
-        f"{round_value(value, half, 's')}, {why}, and the other intervals allow for that; sample a step from rest faster to "
+        f"about {with_unit(value, 's', 2)}, {why}, and the other intervals allow for that; sample a step from rest faster to "
         "measure it.",
         parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )

@@ -123,7 +123,7 @@ def _roughly(
         if usual is not None:
             minimum, used = usual
             variance, covariance = uncertainty(structure, data, minimum, used)
-            findings.append(delay_prior.finding(minimum, used, covariance))
+            findings.append(delay_prior.finding(minimum, used))
     sd = float(np.sqrt(variance))
     records = simulations(structure, data, minimum.theta, minimum.predictions)
     fit = Fit(

@@ -21,10 +21,18 @@ def _hysteresis(case: Case) -> CauseFit | None:
     if max(sweep_count(each.u) for each in case.motions) < _SWEPT:
         return None
     largest = max(float(np.abs(each.u).max()) for each in case.motions)
+    # A play that the input passes once only is a constant with another value: nothing is seen of it.
+    widths = [
+        width
+        for width in (part * largest for part in _WIDTHS)
+        if max(sweep_count(play(each.u, width)) for each in case.motions) >= _SWEPT - 1
+    ]
     tried = [
         (case.with_input(lambda m, width=width: play(m.u, width)), width)  # type: ignore[misc]
-        for width in (part * largest for part in _WIDTHS)
+        for width in widths
     ]
+    if not tried:
+        return None
     found, width = min(tried, key=lambda each: each[0].misfit)
     unit = case.motions[0].data.input_unit
     sentence = (
