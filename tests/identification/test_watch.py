@@ -111,6 +111,16 @@ def test_cruising_needs_a_faster_change_of_speed(tmp_path: Path) -> None:
     assert watch.sentence() == "needs a faster change of speed"
 
 
+def test_a_doubt_that_no_motion_removes_is_said_while_the_motor_runs(tmp_path: Path) -> None:
+    """Volts that are read as millivolts."""
+    watch = watched(tmp_path, driven(), Mapping(counts_per_rev=2048.0, input="u:mV"))
+    watch.judge(identify_evidence(watch.so_far()))
+
+    assert not watch.known
+    assert watch.sentence().startswith("doubtful: ")
+    assert "V read as mV" in watch.sentence()
+
+
 def test_a_slow_drift_of_the_voltage_is_no_faster_change_of_speed(tmp_path: Path) -> None:
     """From 3.0 to 3.3 V within 18 s: gain and friction can't be told apart either, as one speed is like the other."""
     signal = Ramp(initial=3.0, final=3.3, duration=20)

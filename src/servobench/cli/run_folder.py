@@ -192,7 +192,8 @@ class RunFolder:
         recording = read(self.part if unfinished else self.recording)[-1]
         save(recording, self.data)
         try:
-            if not self.experiment.exists():
+            # What was watched, and not run, has none.
+            if recording.experiment and not self.experiment.exists():
                 self._write_experiment(recording.experiment)
         except OSError as error:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Annotated, Self
@@ -20,6 +21,7 @@ from servobench.cli.options import (
     AsJson,
     DataSheet,
     Reading,
+    StartsAtRest,
     StructureName,
     Until,
     with_reading,
@@ -30,12 +32,13 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from servobench.cli.progress import Progress
     from servobench.identification.result import Result
     from servobench.identification.watch import Watch
     from servobench.recordings.evidence import Evidence
     from servobench.recordings.formats.mapping import Mapping as ColumnMapping
     from servobench.recordings.streams.base import Stream
+
+    Judge = Callable[[Sequence[Evidence]], Result | None]
 
 _PATIENCE = 0.2  # s of waiting for rows, before the display is renewed
 _BLOCK = 200  # rows between two looks at why to stop, however many come at once
@@ -59,6 +62,7 @@ def watch(
         typer.Option("--stop-after", metavar="TIME", help="Stop after this time of the stream, such as 20s."),
     ] = None,
     reading: Reading = AS_IT_IS,
+    starts_at_rest: StartsAtRest = False,
     structure: StructureName = "auto",
     nominal: DataSheet = None,
     as_json: AsJson = False,
@@ -73,7 +77,7 @@ def watch(
     recorded. Ctrl-C, the end of the stream, --until or --stop-after end it; then all of it is identified and reported.
     --until known means the gain to 2 % and the time constant to 5 %.
     """
-    from servobench.cli.conclusion import check_names, status_of
+    from servobench.cli.conclusion import check_names, conclude, status_of
     from servobench.cli.output_folder import empty_folder
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.terminal import OutputGone, messages, output, say
@@ -88,12 +92,15 @@ def watch(
     mapping = mapping_of(**reading.options)
     stream = stream_of(source)
     console = messages() if as_json else output()
+    judge = partial(_judge, structure=structure, starts_at_rest=starts_at_rest)
     with empty_folder(out, "watch", datetime.now()) as folder:
-        evidence = _record(stream, mapping, folder, console, wish, length, until is not None, structure)
+        evidence = _record(stream, mapping, folder, console, wish, length, until is not None, judge)
         with suppress(OutputGone):  # the report is written all the same
             say(console, f"recording: {folder / 'recording.mcap'}\n")
         with Progress() as progress, announce_compiling(progress):
-            result = _identify(evidence, progress, structure, nominal)
+            result = conclude(
+                evidence, progress, structure=structure, nominal=nominal, starts_at_rest=starts_at_rest
+            )
         _deliver(result, evidence, folder, console, as_json, context.obj or "", all_findings)
     raise typer.Exit(status_of(result))
 
@@ -129,7 +136,7 @@ def _record(
     wish: Mapping[str, float] | None,
     length: float | None,
     until_known: bool,
-    structure: str,
+    judge: Judge,
 ) -> list[Evidence]:
     """Watch the stream into the folder until it ends, or is to end."""
     from servobench.cli.live_text import LiveText
@@ -141,7 +148,7 @@ def _record(
             _requests() as requested,
             stream,
             LiveText(console) as text,
-            _Judgement(watched, structure) as judged,
+            _Judgement(watched, judge) as judged,
         ):
 
             def show(silence: float) -> None:
@@ -200,8 +207,8 @@ class _Judgement:
     A context manager; as in `StoppingRule`, each look is at a fifth more than the one before.
     """
 
-    def __init__(self, watched: Watch, structure: str) -> None:
-        self._watched, self._structure = watched, structure
+    def __init__(self, watched: Watch, judge: Judge) -> None:
+        self._watched, self._judge = watched, judge
         self._aside = ThreadPoolExecutor(max_workers=1)
         self._running: Future[Result | None] | None = None
         self._next = 0.0
@@ -228,13 +235,18 @@ class _Judgement:
             self._running = self._aside.submit(self._look)
 
     def _look(self) -> Result | None:
-        from servobench.core.errors import NotIdentifiable
-        from servobench.identification.identify import identify_evidence
+        return self._judge(self._watched.so_far())
 
-        try:
-            return identify_evidence(self._watched.so_far(), self._structure)
-        except NotIdentifiable:
-            return None
+
+def _judge(evidence: Sequence[Evidence], structure: str, starts_at_rest: bool) -> Result | None:
+    """The result of the rows so far; None where they tell nothing yet."""
+    from servobench.core.errors import NotIdentifiable
+    from servobench.identification.identify import identify_evidence
+
+    try:
+        return identify_evidence(evidence, structure, starts_at_rest=starts_at_rest)
+    except NotIdentifiable:
+        return None
 
 
 @contextmanager
@@ -256,14 +268,6 @@ def _requests() -> Iterator[Callable[[], bool]]:
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)
-
-
-def _identify(
-    evidence: Sequence[Evidence], progress: Progress, structure: str, nominal: str | None
-) -> Result:
-    from servobench.cli.conclusion import conclude
-
-    return conclude(evidence, progress, structure=structure, nominal=nominal)
 
 
 def _deliver(

@@ -13,7 +13,7 @@ import numpy as np
 from servobench._version import __version__
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.core.finding import Finding, info
+from servobench.core.finding import Finding, Severity, info
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import count_text, plain
 from servobench.core.units import unit
@@ -184,6 +184,9 @@ class Watch:
             said = self._rule.progress_text(self._judged)
             if self.known:
                 return f"enough is known: {said}{both}"
+            if doubt := _first_warning(self._judged):
+                # More of the same motion would change nothing of that.
+                return f"{self._judged.verdict}: {doubt}"
             return f"needs more motion, and other motion: with what the model may be wrong by, {said}{both}"
         if self.enough:
             found = self._live.message()["parameters"]
@@ -414,3 +417,9 @@ def stop_text(reason: str) -> Stopped:
     }
     kind, sentence = sentences[reason]
     return Stopped(reason=kind, sentence=sentence)
+
+
+def _first_warning(result: Result) -> str:
+    """The first sentence of a result's first warning, without its stop; empty where nothing warns."""
+    sentences = [each.sentence for each in result.findings if each.severity == Severity.WARNING]
+    return sentences[0].partition(". ")[0].rstrip(".") if sentences else ""

@@ -20,10 +20,11 @@ from servobench.recordings.streams.line_table import LineTable
     ],
 )
 def test_a_line_is_a_row_whatever_separates_its_fields(text: str, names: tuple[str, ...]) -> None:
-    rows = LineTable().take(text.encode())
+    table = LineTable()
+    rows = table.take(text.encode() + text.splitlines(keepends=True)[-1].encode())
 
     assert rows.names == names
-    assert rows.values.tolist() == [[0.0, 1.5, 7.0]]
+    assert rows.values.tolist() == [[0.0, 1.5, 7.0]] * 2
     assert rows.damaged == 0
 
 
@@ -49,7 +50,7 @@ def test_a_header_that_is_printed_again_is_no_damage() -> None:
 
 
 def test_a_first_line_that_may_be_torn_is_left_out_unless_it_is_no_row() -> None:
-    assert LineTable(torn=True).take(b"34,1,2\n5,1,2\n").values[:, 0].tolist() == [5.0]
+    assert LineTable(torn=True).take(b"34,1,2\n5,1,2\n6,1,2\n").values[:, 0].tolist() == [5.0, 6.0]
     assert LineTable(torn=True).take(b"t,u,counts\n5,1,2\n").values[:, 0].tolist() == [5.0]
 
 
@@ -91,3 +92,31 @@ def test_the_mark_that_windows_programs_put_before_a_text_is_no_part_of_the_firs
     table = LineTable()
 
     assert table.take("\ufefft,u,counts\r\n0.1,2,3\r\n".encode()).names == ("t", "u", "counts")
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "damaged"),
+    [
+        ("500,31\nt,u,counts\n0,1,2\n1,1,3\n", ("t", "u", "counts"), "500,31"),
+        ("500,31\n0,1,2\n1,1,3\n", ("column_1", "column_2", "column_3"), "500,31"),
+        (".2,500,31\nt,u,counts\n0,1,2\n1,1,3\n", ("t", "u", "counts"), ".2,500,31"),
+        ("t,u,counts\n500,31\n0,1,2\n1,1,3\n", ("t", "u", "counts"), "500,31"),
+        ("7,8\n9,9,9,9\n0,1,2\n1,1,3\n", ("column_1", "column_2", "column_3"), "7,8"),
+    ],
+)
+def test_a_stray_row_at_the_beginning_decides_nothing_and_is_counted(
+    text: str, names: tuple[str, ...], damaged: str
+) -> None:
+    rows = LineTable().take(text.encode())
+
+    assert rows.names == names
+    assert rows.values.tolist() == [[0.0, 1.0, 2.0], [1.0, 1.0, 3.0]]
+    assert rows.damaged == (2 if text.startswith("7") else 1)
+    assert rows.example == damaged
+
+
+def test_a_single_row_without_a_header_is_one_at_the_end() -> None:
+    table = LineTable()
+
+    assert table.take(b"0,1.5,7\n").values.size == 0
+    assert table.end().values.tolist() == [[0.0, 1.5, 7.0]]

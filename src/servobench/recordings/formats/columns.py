@@ -239,7 +239,7 @@ def _units_in_names(columns: Sequence[Column]) -> list[Finding]:
     units = [f"`{each.heading.name}` in {each.heading.unit}" for each in columns if each.heading.from_name]
     if not units:
         return []
-    return [info("unit-in-name", f"Units are taken from the endings of names: {', '.join(units[:12])}.")]
+    return [info("unit-in-name", f"The endings of names give units: {', '.join(units[:12])}.")]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

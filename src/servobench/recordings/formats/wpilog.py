@@ -228,7 +228,7 @@ def _about_channels(channels: Sequence[_Channel]) -> list[Finding]:
         ),
         "unit-in-name": (
             [f"{each.name} in {each.unit}" for each in channels if each.from_name],
-            "Units are taken from the endings of names: {}.",
+            "The endings of names give units: {}.",
         ),
         "values-on-change": (
             [each.name for each in channels if _only_changes(each)],

@@ -19,8 +19,8 @@ class LineTable:
     """Turns bytes into rows: fields between commas, semicolons, tabs or blanks, also `name:value` as for a serial plotter.
 
     The header is the last line before the first row that has as many fields; without one the columns are column_1, column_2, ....
-    A row has two columns at least. `torn` says that the first line may have begun before it was listened to: a row there is left
-    out, however many fields it has.
+    A row has two columns at least; without a header two rows of one length are needed to tell. `torn` says that the first line
+    may have begun before it was listened to: a row there is left out, however many fields it has.
     """
 
     def __init__(self, *, torn: bool = False) -> None:
@@ -28,7 +28,8 @@ class LineTable:
         self._torn = torn
         self._names: tuple[str, ...] = ()
         self._before: tuple[str, ...] = ()
-        self._unread: tuple[str, ...] = ()
+        self._unread = ""
+        self._first: tuple[str, list[float]] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -45,7 +46,12 @@ class LineTable:
     def end(self) -> Rows:
         """Return the row of the last line, which no line end follows; a part of a line it may be, so only a whole row counts."""
         rest, self._rest = self._rest, b""
-        return self._rows([rest])
+        last = self._rows([rest])
+        if self._first is None:
+            return last
+        (_, row), self._first = self._first, None
+        self._names = _numbered(len(row))
+        return Rows(names=self._names, values=np.array([row]), damaged=last.damaged, example=last.example)
 
     def _rows(self, lines: list[bytes]) -> Rows:
         found: list[list[float]] = []
@@ -54,39 +60,63 @@ class LineTable:
             text = line[:_LONGEST].decode("utf-8", "replace").strip("\ufeff\0 \t\r\n")
             if not text or text.startswith("#"):
                 continue
-            first, self._torn = self._torn, False
-            if first and _is_row(text):  # or part of one, which must not decide how many columns there are
+            torn, self._torn = self._torn, False
+            if torn and _is_row(text):  # or part of one, which must not decide how many columns there are
                 continue
-            row = self._row(text)
-            if row is not None:
-                found.append(row)
-                self._unread = ()
-            elif not self._names:
-                self._unread = (text,)
-            elif self._header(text) != self._names:
-                damaged.append(text)
-        width = len(self._names)
-        values = np.array(found, dtype=np.float64).reshape(len(found), width)
-        example = printable([*damaged, *self._unread][0])[:60] if damaged or self._unread else ""
+            names, fields = _fields(text)
+            row = [number for each in fields if (number := _number(each)) is not None]
+            if len(row) < len(fields) or not 2 <= len(row) <= _MOST_COLUMNS:
+                damaged += self._other(text)
+            elif self._names:
+                if len(row) == len(self._names) and names in ((), self._names):
+                    found.append(row)
+                else:
+                    damaged.append(text)
+            else:
+                rows, lost = self._begin(text, names, row)
+                found += rows
+                damaged += lost
+        if found:
+            self._unread = ""
+        values = np.array(found, dtype=np.float64).reshape(len(found), len(self._names))
+        example = printable([*damaged, self._unread][0])[:60]
         return Rows(names=self._names, values=values, damaged=len(damaged), example=example)
 
-    def _row(self, text: str) -> list[float] | None:
-        """The numbers in a line; None where it isn't a row. The first row decides what the columns are."""
-        names, fields = _fields(text)
-        numbers = [_number(each) for each in fields]
-        if any(each is None for each in numbers) or not 2 <= len(numbers) <= _MOST_COLUMNS:
-            if not self._names:
-                self._before = self._header(text)
-            return None
-        if not self._names:
-            plain = tuple(f"column_{k}" for k in range(1, len(numbers) + 1))
-            self._names = names or (self._before if len(self._before) == len(numbers) else plain)
-        if len(numbers) != len(self._names) or (names and names != self._names):
-            return None
-        return [each for each in numbers if each is not None]
+    def _other(self, text: str) -> list[str]:
+        """Take a line that is no row: a header, or damage; return the lines that are damaged."""
+        header = self._header(text)
+        if self._names:
+            return [] if header == self._names else [text]
+        self._before, self._unread = header, text
+        if self._first is None or len(header) != len(self._first[1]):
+            return []
+        # What stood above the header was the end of a line.
+        (lost, _), self._first = self._first, None
+        return [lost]
+
+    def _begin(
+        self, text: str, names: tuple[str, ...], row: list[float]
+    ) -> tuple[list[list[float]], list[str]]:
+        """Take a row while the columns aren't known; return the rows that are known to be such, and the damaged lines.
+
+        Without a header or names two rows of one length decide: one alone may be the end of a line, or another message.
+        """
+        first, self._first = self._first, None
+        names = names or (self._before if len(self._before) == len(row) else ())
+        alike = first is not None and len(first[1]) == len(row)
+        lost = [] if first is None or (alike and not names) else [first[0]]
+        if not names and not alike:
+            self._first, self._unread = (text, row), text
+            return [], lost
+        self._names = names or _numbered(len(row))
+        return ([row] if names or first is None else [first[1], row]), lost
 
     def _header(self, text: str) -> tuple[str, ...]:
         return tuple(each.strip("\"'") for each in _split(text))
+
+
+def _numbered(count: int) -> tuple[str, ...]:
+    return tuple(f"column_{k}" for k in range(1, count + 1))
 
 
 def _is_row(text: str) -> bool:

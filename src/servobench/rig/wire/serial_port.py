@@ -34,6 +34,9 @@ class SerialPort:
             )
             if number == errno.EACCES:
                 what = "become a member of its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in anew"
+            if "@" in name:
+                port, _, rate = name.rpartition("@")
+                what = f"its rate stands behind it: {port} baud={rate}"
             raise DeviceError(f"rig: the port {name} can't be opened ({why}); {what}") from None
 
     def read(self) -> bytes:
