@@ -4,9 +4,13 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import servobench as sb
+from servobench.identification.watch import Watch
+from servobench.recordings.formats.mapping import Mapping
+from servobench.recordings.streams.base import Rows
 from servobench.rig.experiment import load_experiment
 from tests.cli.conftest import Command
 
@@ -176,6 +180,21 @@ def test_recover_makes_the_folder_of_a_killed_run_whole(
     again = load_experiment(killed_run / "experiment.toml")
     assert again == load_experiment(finished_run / "experiment.toml")
     assert "is whole already" in servobench("recover", killed_run).err
+
+
+def test_recover_makes_no_experiment_for_a_motor_that_was_watched(
+    servobench: Command, tmp_path: Path
+) -> None:
+    t = 0.002 * np.arange(2000)
+    u = np.where(t % 1 < 0.5, 3.0, -3.0)
+    watch = Watch(Mapping(counts_per_rev=2048.0), "lines", tmp_path / "recording.mcap")
+    watch.take(Rows(names=("t", "u", "counts"), values=np.column_stack([t, u, np.round(100 * np.sin(t))])))
+    watch.abandon()
+
+    ended = servobench("recover", tmp_path)
+
+    assert (ended.status, ended.err) == (0, "")
+    assert {file.name for file in tmp_path.iterdir()} == {"recording.mcap", "data.csv"}
 
 
 @pytest.mark.promise("S28")
