@@ -14,6 +14,10 @@ from typing import Any
 import hypothesis
 import pytest
 
+from tests.busy_computer import pytest_runtest_protocol, pytest_terminal_summary
+
+__all__ = ["pytest_runtest_protocol", "pytest_terminal_summary"]
+
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")
 UNDER_CI = os.environ.get("CI", "").lower() in {"1", "true", "yes"}

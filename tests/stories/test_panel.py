@@ -69,6 +69,8 @@ def painted(page: Page, scope: str, trace: str) -> float:
 
 
 def record(page: Page, name: str, length: str) -> None:
+    if page.driving:  # a busy computer may have stopped the motor since it was started
+        page.until(lambda: page.text("#run-text") == "Driving")
     page.page.get_by_label("Name of the recording").fill(name)
     page.page.get_by_label("Length").select_option(length)
     page.button("Record").click()
