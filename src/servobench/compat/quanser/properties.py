@@ -85,7 +85,12 @@ class Properties(Card):
         if isinstance(buffer, list):
             buffer[:] = text
         else:
-            memoryview(buffer).cast("B")[: len(text) + 1] = text.encode() + b"\0"
+            room = memoryview(buffer).cast("B")
+            if len(room) <= len(text):
+                raise hil_error(
+                    Code.STRING_TOO_SMALL, f"the buffer has {len(room)} bytes; {len(text) + 1} are needed."
+                )
+            room[: len(text) + 1] = text.encode() + b"\0"
         return None
 
     def set_integer_property(self, properties: Any, num_properties: Any, buffer: Any) -> None:
