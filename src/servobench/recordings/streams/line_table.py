@@ -50,7 +50,7 @@ class LineTable:
         if self._first is None:
             return last
         (_, row), self._first = self._first, None
-        self._names = _numbered(len(row))
+        self._names = _column_names(len(row))
         return Rows(names=self._names, values=np.array([row]), damaged=last.damaged, example=last.example)
 
     def _rows(self, lines: list[bytes]) -> Rows:
@@ -108,14 +108,14 @@ class LineTable:
         if not names and not alike:
             self._first, self._unread = (text, row), text
             return [], lost
-        self._names = names or _numbered(len(row))
+        self._names = names or _column_names(len(row))
         return ([row] if names or first is None else [first[1], row]), lost
 
     def _header(self, text: str) -> tuple[str, ...]:
         return tuple(each.strip("\"'") for each in _split(text))
 
 
-def _numbered(count: int) -> tuple[str, ...]:
+def _column_names(count: int) -> tuple[str, ...]:
     return tuple(f"column_{k}" for k in range(1, count + 1))
 
 
