@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case, Causes, explain
 from servobench.identification.trust.explanations.equation import motion
+from servobench.identification.trust.explanations.hysteresis import play
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
 
@@ -120,3 +122,33 @@ def test_one_level_says_nothing_of_how_drag_grows(seed: int) -> None:
     assert moved is not None
 
     assert EXPLANATIONS["drag"](Case((moved,))) is None
+
+
+@pytest.mark.parametrize("cause", ["gain_falls", "hysteresis"])
+def test_one_level_of_a_measured_input_shows_neither_a_limit_nor_a_play(cause: str) -> None:
+    """Clipped below its level, or held behind a play, it is that level without its noise, and the equation holds better."""
+    driven = _ideal(np.concatenate([np.zeros(5), np.full(2500, 2.0)]), 0.002)
+    noise = 0.02 * np.random.default_rng(1).standard_normal(len(driven.u))
+    moved = motion(replace(driven, u=np.where(driven.u > 0, driven.u + noise, 0.0)))
+    assert moved is not None
+
+    assert EXPLANATIONS[cause](Case((moved,))) is None
+
+
+@pytest.mark.parametrize(
+    ("cause", "change"),
+    [("gain_falls", lambda u: np.clip(u, -2.0, 2.0)), ("hysteresis", lambda u: play(u, 0.3))],
+)
+def test_an_input_of_many_levels_shows_a_limit_and_a_play(
+    cause: str, change: Callable[..., np.ndarray]
+) -> None:
+    """A triangle of 3 V that goes to and fro five times."""
+    u = 3.0 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * np.arange(5000) / 1000))
+    moved = motion(replace(_ideal(change(u), 0.002), u=u))
+    assert moved is not None
+    case = Case((moved,))
+
+    found = EXPLANATIONS[cause](case)
+
+    assert found is not None
+    assert found.misfit < 0.1 * case.plain.misfit

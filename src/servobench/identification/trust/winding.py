@@ -17,7 +17,7 @@ _NEARLY_HALF = 0.45  # of τ: from there on the two poles are as good as one, or
 def about_winding(fit: Fit) -> list[Finding]:
     """Return what is to be known of a fitted `electrical_time_constant`; nothing for a structure without one.
 
-    `electrical-pole-not-told` refuses a lag that may be a delay by the data; `poles-not-apart` doubts one that is so near
+    `electrical-pole-not-told` refuses a lag that the data can't distinguish from a delay; `poles-not-apart` doubts one so near
     the time constant that the motor may swing.
     """
     if "electrical_time_constant" not in fit.model.names:

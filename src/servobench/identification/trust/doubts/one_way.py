@@ -18,7 +18,7 @@ _HARDLY = 0.05  # of the largest speed
 def hardly_turns_back(fit: Fit) -> bool:
     """Return whether the motor that was fitted turns one way but for a few percent of its speed: noise may turn back as much.
 
-    If a motor turns one way, friction can't be distinguished from an offset; a search ends by chance.
+    If a motor turns one way, friction can't be distinguished from an offset; where a search ends is chance.
     """
     structure = fit.model.structure
     if not isinstance(structure, ExcessFriction):
