@@ -1,7 +1,6 @@
 """The rig by a pseudo-terminal, with pyserial and the operating system between: asserted in device time all the same."""
 
 import json
-import os
 import random
 import signal
 import subprocess
@@ -39,19 +38,35 @@ with Rig(RigSettings(port=sys.argv[1], batch=False)) as rig:
             print("turning", flush=True)
 """
 
+# What a run says on a computer with other things to do, which can't simulate a chip in real time.
+TOO_SLOW = "clocks-disagree"
+TOO_LATE = ("find what delayed the loop", "the voltages of a run came too late", "no voltage came for")
+
 
 @pytest.fixture(scope="module")
 def simavr() -> None:
     needed()
 
 
-def kill_a_host(number: signal.Signals) -> float:
-    """Kill a process that drives the rig in direct mode; return the device time from its last byte to the cut [ms]."""
+def kill_a_host(number: signal.Signals) -> float | None:
+    """Kill a process that drives the rig in direct mode; return the device time from its last byte to the cut [ms].
+
+    None where the computer didn't keep up and the host says so.
+    """
     with terminal() as rig:
-        host = subprocess.Popen([sys.executable, "-c", HOST, rig.port], stdout=subprocess.PIPE, text=True)
+        host = subprocess.Popen(
+            [sys.executable, "-c", HOST, rig.port],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         with host:
             assert host.stdout
-            assert host.stdout.readline() == "turning\n"
+            assert host.stderr
+            if host.stdout.readline() != "turning\n":
+                said = host.stderr.read()
+                assert any(words in said for words in TOO_LATE), said
+                return None
             turning = rig.look()
             assert turning["duty"] == 0.5
             host.send_signal(number)
@@ -66,15 +81,20 @@ def kill_a_host(number: signal.Signals) -> float:
         return float(now["pwm_high"] - now["received"]) / MS
 
 
+def until_cut(number: signal.Signals) -> float:
+    """The device time that `kill_a_host` returns, of the first of five hosts that the computer kept up with."""
+    return next(cut for _ in range(5) if (cut := kill_a_host(number)) is not None)
+
+
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGSTOP"])
 def test_a_host_that_is_killed_or_stopped_leaves_the_motor_without_voltage(name: str) -> None:
     # The bytes of the last frame are handed to the chip one after the other: the cut counts from the last of them.
-    assert kill_a_host(signal.Signals[name]) <= 51
+    assert until_cut(signal.Signals[name]) <= 51
 
 
 @pytest.mark.long
 def test_twenty_hosts_that_are_killed_leave_the_motor_without_voltage() -> None:
-    assert max(kill_a_host(signal.SIGKILL) for _ in range(20)) <= 51
+    assert max(until_cut(signal.SIGKILL) for _ in range(20)) <= 51
 
 
 def test_a_host_that_ends_in_good_order_switches_the_bridge_off_at_once() -> None:
@@ -118,8 +138,6 @@ def test_a_position_loop_at_250_hz_has_no_gap_in_its_samples_for_ten_seconds() -
     assert abs(counts - 1000) <= 15
 
 
-TOO_SLOW = "clocks-disagree"
-TOO_LATE = ("find what delayed the loop", "the voltages of a run came too late", "no voltage came for")
 NAMES = ("gain", "time_constant", "coulomb_voltage")
 
 
@@ -152,12 +170,7 @@ def run_command(folder: Path, seed: int) -> tuple[str, dict[str, tuple[float, fl
     out = folder / str(seed)
     with terminal(**drawn_motor(seed)) as rig:
         words = ["run", "--device", f"rig:{rig.port} watchdog=500ms", "--out", str(out), "--overwrite"]
-        done = subprocess.run(
-            [sys.executable, "-m", "servobench", *words],
-            capture_output=True,
-            text=True,
-            env={**os.environ, "OPENBLAS_CORETYPE": "SkylakeX"},
-        )
+        done = subprocess.run([sys.executable, "-m", "servobench", *words], capture_output=True, text=True)
     said = " ".join((done.stdout + done.stderr).split())
     if done.returncode == 4 and any(words in said for words in TOO_LATE):
         return None
