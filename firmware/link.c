@@ -258,14 +258,21 @@ static void receive(void) {
     }
 }
 
-void link_poll(void) {
+static uint8_t samples_are_due(void) { return sampling_waiting() >= (blocks ? BLOCK_SAMPLES : 1); }
+
+static uint8_t status_is_due(void) {
+    return told_state != drive_state() || told_faults != drive_faults() || told_warnings != drive_warnings();
+}
+
+uint8_t link_poll(void) {
     receive();
-    if (blocks ? sampling_waiting() >= BLOCK_SAMPLES : sampling_waiting() > 0) {
+    if (samples_are_due()) {
         if (blocks)
             send_block();
         else
             send_sample();
     }
-    if (told_state != drive_state() || told_faults != drive_faults() || told_warnings != drive_warnings())
+    if (status_is_due())
         send_status(0, REFUSED_NONE);
+    return samples_are_due() || status_is_due();
 }

@@ -2,7 +2,9 @@
 #ifndef LINK_H
 #define LINK_H
 
-/* Takes what was received, and sends what is to be sent, as far as the port has room. */
-void link_poll(void);
+#include <stdint.h>
+
+/* Takes what was received, and sends what is to be sent, as far as the port has room; returns 1 where something waits for room. */
+uint8_t link_poll(void);
 
 #endif

@@ -1,5 +1,6 @@
 /* The open rig: an ATmega328P between a host and a motor with an encoder. docs/reference/rig-protocol.md says what it does. */
 #include <avr/interrupt.h>
+#include <avr/sleep.h>
 
 #include "drive.h"
 #include "link.h"
@@ -14,14 +15,22 @@ int main(void) {
     serial_init();
     sampling_init();
     hardware_watchdog_start();
+    set_sleep_mode(SLEEP_MODE_IDLE);
+    sleep_enable();
     sei();
     uint32_t fed = 0;
     for (;;) {
-        link_poll();
+        uint8_t seen = sampling_events();
+        uint8_t waits = link_poll();
         uint32_t now = sampling_time();
         if (now != fed) {
             fed = now;
             hardware_watchdog_feed();
         }
+        cli();
+        uint8_t idle = !waits && serial_is_empty() && sampling_events() == seen;
+        sei(); /* an interrupt comes after the next instruction at the earliest: it ends the sleep, and can't be slept through */
+        if (idle)
+            sleep_cpu();
     }
 }

@@ -48,6 +48,8 @@ const sample *sampling_oldest(void) { return converted == tail ? 0 : &ring[tail 
 
 void sampling_drop(void) { tail++; }
 
+uint8_t sampling_events(void) { return (uint8_t)((uint8_t)ticks + converted); }
+
 uint32_t sampling_time(void) {
     uint32_t found;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { found = ticks; }

@@ -33,6 +33,9 @@ void sampling_drop(void);
 /* How many samples wait. */
 uint8_t sampling_waiting(void);
 
+/* Changes with each tick and each sample that is complete. */
+uint8_t sampling_events(void);
+
 /* Ticks since the start. */
 uint32_t sampling_time(void);
 

@@ -46,6 +46,8 @@ int16_t serial_take(void) {
     return byte;
 }
 
+uint8_t serial_is_empty(void) { return receive_tail == receive_head; }
+
 uint8_t serial_send(const uint8_t *frame, uint8_t length, uint8_t spare) {
     uint8_t head = send_head;
     uint8_t room = (uint8_t)(send_tail - head - 1);

@@ -12,9 +12,11 @@
 #include <string.h>
 
 #include <simavr/avr_adc.h>
+#include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_uart.h>
 #include <simavr/sim_avr.h>
+#include <simavr/sim_cycle_timers.h>
 #include <simavr/sim_elf.h>
 
 #define FREQUENCY 16000000
@@ -234,9 +236,22 @@ static void quiet(avr_t *avr, const int level, const char *format, va_list argum
     (void)avr;
 }
 
-/* The pins between the encoder and the chip, and what the UART is told; again after a reset of the chip. */
+/* A chip that sleeps is woken this often at the least: simavr lets it sleep until the next of these timers is due. */
+static avr_cycle_count_t pace(struct avr_t *avr, avr_cycle_count_t when, void *param) {
+    (void)avr;
+    return when + ((rig *)param)->motor.step / 4;
+}
+
+/* simavr itself waits in here, for as long as the chip sleeps; device time has nothing to do with ours. */
+static void sleep_at_once(avr_t *avr, avr_cycle_count_t cycles) {
+    (void)avr;
+    (void)cycles;
+}
+
+/* The pins between the encoder and the chip, what the UART is told, and the pace; again after a reset of the chip. */
 static void wire(rig *r) {
     hold_pins(r);
+    avr_cycle_timer_register(r->avr, r->motor.step / 4, pace, r);
     uint32_t flags = 0;
     avr_ioctl(r->avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);
     flags &= ~(uint32_t)(AVR_UART_FLAG_POOL_SLEEP | AVR_UART_FLAG_STDIO);
@@ -260,6 +275,10 @@ rig *rig_new(const char *elf, const motor_settings *motor) {
     avr_load_firmware(r->avr, &firmware);
     r->avr->frequency = FREQUENCY;
     r->avr->vcc = r->avr->avcc = r->avr->aref = 5000;
+    r->avr->sleep = sleep_at_once;
+    /* The pins are interrupts of their own, too, which the firmware leaves off; simavr looks at a low one in every cycle. */
+    for (uint8_t each = 0; each < 2; each++)
+        avr_extint_set_strict_lvl_trig(r->avr, each, 0);
     r->avr->run_cycle_limit = motor->step / 4; /* how long the chip runs before the world around it is attended to */
     for (avr_io_t *io = r->avr->io_port; io; io = io->next)
         if (!strcmp(io->kind, "port") && ((avr_ioport_t *)io)->name == 'D')

@@ -42,9 +42,12 @@ def follow(
         board.ask("sampling", period=period, block=1)
         found: list[tuple[int, int, int]] = []
         for reference in references:
-            # Between two samples: the one after it is the first with the new reference.
+            # Between two ticks, so that the sample after it is the first with the new reference: the chip's ticks come 0.3 ms
+            # after the simulator's milliseconds, as it takes so long to get ready.
+            board.run(cycles=(MS // 2 - board.look().cycle) % MS)
             board.send("reference", reference=reference)
-            changed = board.status()["time"]
+            board.run(ms=0.4)
+            changed = board.look().cycle // MS
             for _ in range(10):
                 board.run(ms=20)
                 board.send("reference", reference=reference)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.rig.motor.physics import MotorState, Physics, disturbance_factor
 from servobench.rig.motor.solvers.base import Solver
 
@@ -107,7 +109,7 @@ class Plant:
         """Add what a white torque does to a shaft that slides; one that sticks is held by friction."""
         if self.factor is None or self.state.speed == 0.0:
             return
-        factor = self.factor if step == self._tick else disturbance_factor(self._physics, self._noise, step)
+        factor = self.factor if step == self._tick else self._factor_of_part(step)
         a, b, c = self._random.standard_normal(3).tolist()
         # One sum after the other, as a block of ticks adds them up; a product of matrices may add in any order.
         self.state = MotorState(
@@ -116,3 +118,14 @@ class Plant:
                 for value, (x, y, z) in zip(self.state, factor.tolist(), strict=True)
             )
         )
+
+    def _factor_of_part(self, step: float) -> Array:
+        """What white torque does in a part of a tick; a delay cuts each tick into the same parts, but for rounding."""
+        part = SAME * self._tick
+        return _factor(self._physics, self._noise, round(step / part) * part)
+
+
+@lru_cache(maxsize=64)
+def _factor(physics: Physics, torque_noise: float, step: float) -> Array:
+    """The factor of a step [s]; it costs a hundred times as much as what is done with it."""
+    return disturbance_factor(physics, torque_noise, step)

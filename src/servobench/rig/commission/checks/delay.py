@@ -122,7 +122,7 @@ def _onset(seen: Seen, commanded: Array, edge: int) -> tuple[float, float] | Non
 
 def _interval(delays: Array, length: float) -> tuple[float, float]:
     """The mean delay, and half of its 95 % interval [s]."""
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
     error = float(delays.std(ddof=1)) / len(delays) ** 0.5
-    return float(delays.mean()), float(student.ppf(0.975, len(delays) - 1)) * error + BEND * length
+    return float(delays.mean()), float(stdtrit(len(delays) - 1, 0.975)) * error + BEND * length
