@@ -27,10 +27,13 @@ int main(void) {
             fed = now;
             hardware_watchdog_feed();
         }
+        if (waits)
+            continue;
         cli();
-        uint8_t idle = !waits && serial_is_empty() && sampling_events() == seen;
-        sei(); /* an interrupt comes after the next instruction at the earliest: it ends the sleep, and can't be slept through */
-        if (idle)
+        if (serial_is_empty() && sampling_events() == seen) {
+            sei(); /* what came meanwhile is served after the next instruction: it ends the sleep, and isn't slept through */
             sleep_cpu();
+        }
+        sei();
     }
 }
