@@ -97,11 +97,7 @@ def local_fits(stretch: Stretch, shape: TransferFunction) -> Local:
     found = _solve_stretch(stretch, windows, noise)
     scales = _noise_excess(found)
     hidden = _rounding_at_harmonics(stretch, noise, white)
-    blocks = [
-        _block(stretch, shape, window, solution, scale, hidden)
-        for window, solution, scale in zip(windows, found, scales.tolist(), strict=True)
-    ]
-    known = tuple(block for block in blocks if block is not None)
+    known = _blocks(stretch, shape, windows, found, scales, hidden)
     return Local(
         stretch=stretch,
         blocks=known,
@@ -282,20 +278,44 @@ def _points(stretch: Stretch, window: _Window, count: int) -> tuple[Array, Array
     return spacing * (1 + middle + half * nodes), nodes[:, None] ** np.arange(count)
 
 
+def _blocks(
+    stretch: Stretch,
+    shape: TransferFunction,
+    windows: Sequence[_Window],
+    found: Sequence[_Solution],
+    scales: Array,
+    hidden: Array,
+) -> tuple[Block, ...]:
+    """The points of all windows that have some."""
+    some = [n for n, solution in enumerate(found) if len(solution.ratio)]
+    if not some:
+        return ()
+    points = [_points(stretch, windows[n], len(found[n].ratio)) for n in some]
+    # The model at the points of all windows at once: what it takes to prepare is the same for each.
+    path = replace(stretch.path, omega=np.concatenate([omega for omega, _ in points]))
+    models = np.split(path.full(shape), np.cumsum([len(omega) for omega, _ in points])[:-1])
+    blocks = [
+        _block(stretch, windows[n], found[n], float(scales[n]), hidden, omega, basis, model)
+        for n, (omega, basis), model in zip(some, points, models, strict=True)
+    ]
+    return tuple(block for block in blocks if block is not None)
+
+
 def _block(
-    stretch: Stretch, shape: TransferFunction, window: _Window, found: _Solution, scale: float, hidden: Array
+    stretch: Stretch,
+    window: _Window,
+    found: _Solution,
+    scale: float,
+    hidden: Array,
+    omega: Array,
+    basis: Array,
+    model: Complex,
 ) -> Block | None:
-    """The points of a window, without those that the data say nothing of; None where there are none."""
-    count = len(found.ratio)
-    if count == 0:
-        return None
-    omega, basis = _points(stretch, window, count)
+    """The points of a window, at `omega`, without those that the data say nothing of; None where there are none."""
     near = np.abs(stretch.path.omega[window.at] - omega[:, None]).argmin(
         axis=1
     )  # the nearest line of the window
     at = window.at[near]
-    path = replace(stretch.path, omega=omega)
-    model = path.full(shape)
     driven = np.abs(model * stretch.input[at]) ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
         covariance = scale * (basis @ found.covariance @ basis.T) + np.diag(hidden[at] / driven)
@@ -305,7 +325,7 @@ def _block(
     ratio = basis @ found.ratio
     made = np.abs(ratio) ** 2 * _power_of_input(stretch, window, np.abs(model) ** 2, at)
     return Block(
-        path=replace(path, omega=omega[known]),
+        path=replace(stretch.path, omega=omega[known]),
         ratio=ratio[known],
         covariance=covariance[np.ix_(known, known)],
         model=model[known],
