@@ -39,6 +39,8 @@ def rise_time(system: TransferFunction) -> float:
         return float("nan")
     if not len(poles):
         return 0.0
+    if len(poles) == len(system.numerator) == 1:
+        return float(np.log(9.0) / -poles[0].real)  # 1 - e^(pt) is at 0.1 and 0.9
     final = system.numerator[-1] / system.denominator[-1]
     course = _step_course(system, poles)
     # Spread evenly over the orders of magnitude: a fast oscillation that hardly decays rises long before it has settled.
