@@ -151,7 +151,7 @@ _KINDS = {
     "structures": ("servobench.identification.models.base", "STRUCTURES"),
     "studies": ("servobench.lab.studies.base", "STUDIES"),
 }
-"""What lists itself: `signals` at the prompt shows a line for each signal, `signals["square"]` is one."""
+"""The lists: `signals` at the prompt shows a line for each signal, `signals["square"]` is one."""
 
 
 def __getattr__(name: str) -> object:

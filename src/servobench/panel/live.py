@@ -132,7 +132,7 @@ class LiveFit:
         return np.where(noted, written, t)
 
     def _host_ahead(self, ahead: Array) -> float:
-        """By how much the host's count is ahead of the device's [s]: samples are received late, and never early.
+        """The lead of the host's count over the device's [s]: samples are received late, and never early.
 
         Of the last seconds only, in which clocks of quartz drift apart by less than a millisecond.
         """

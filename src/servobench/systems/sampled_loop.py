@@ -412,7 +412,7 @@ class _Course:
         return cls(ratio=ratio, phase=Phase.of(ratio), whole=loop.whole)
 
     def turns(self, alpha: float) -> float:
-        """By how many turns the phase is above -180°."""
+        """The turns by which the phase is above -180°."""
         return (self.phase(math.tan(alpha)) - 2 * self.whole * alpha + math.pi) / _TURN
 
     def factor(self, alpha: float) -> float:

@@ -54,7 +54,7 @@ class Bench:
         self._idle = Idle(self.timebase, self.say)
         self._time = ReplacedTime(self.timebase, self.wait, self._idle) if time == "simulated" else None
         self.forks = 0
-        """How many child processes were forked off."""
+        """The number of child processes that were forked off."""
         self._titled: set[str] = set()
 
     def __enter__(self) -> Bench:

@@ -242,7 +242,7 @@ def with_innovations(
 
 
 def _wander(found: Profile) -> str:
-    """By how much the speed wanders, with its interval where two digits show one."""
+    """The size of the speed's wander, with its interval where two digits show one."""
     value, low, high = (number(each, 2) for each in (found.disturbance.wander, *found.wander))
     return value if low == high else f"{value} ({low} to {high})"
 

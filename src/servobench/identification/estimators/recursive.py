@@ -65,8 +65,8 @@ class Recursive:
         self._before_again: float | None = None
         self.samples = 0
         self.behind = 0
-        """How many of the last samples had no residual yet when they were taken, but will have: they wait for inputs of later
-        rows, or for a start state."""
+        """The number of the last samples that had no residual yet when they were taken: they wait for inputs of later rows, or
+        for a start state."""
         self._last = -np.inf
         self._kept: list[Samples] | None = []
         self._waiting: list[Samples] | None = None
@@ -76,7 +76,7 @@ class Recursive:
         self._off = np.zeros(COLUMNS)
         self._found: Likeliest | None = None
         self.uninformed: Uninformed | None = None
-        """What the last look that led anywhere told, if it was too little for an estimate; None once there is one."""
+        """The result of the last look that led anywhere, if it was too little for an estimate; None once there is one."""
 
     def take(self, t: Array, u: Array, counts: Array) -> Array:
         """Take rows: times t (N,) [s], inputs u (N,) that hold from then on [V], unwrapped counts (N,); any N, in order.

@@ -15,7 +15,7 @@ MOTORS: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class Experience:
-    """By how much intervals have to grow where a record shows that the model isn't the whole truth.
+    """The growth of intervals where a record shows that the model isn't the whole truth.
 
     `factor` multiplies what the residual says. The floors are standard deviations relative to the value: of the gain, of the lag
     (time constant + delay), of how the lag is split between the two (relative to the lag), and of the friction.

@@ -57,7 +57,7 @@ def _loop(
 
 
 def _comparison(answers: Mapping[str, ParameterStatus], combinations: Sequence[Combination]) -> list[str]:
-    """By how much two motors have to differ to be told apart: √2 times the half-width of either."""
+    """The difference of two motors that can be told apart: √2 times the half-width of either."""
     if _is_known(answers, "gain"):
         what, estimate = "gains", answers["gain"].estimate
     else:

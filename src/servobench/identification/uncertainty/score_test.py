@@ -181,7 +181,7 @@ class ScoreTest:
         )
 
     def shift(self, lacking: Sequence[Array]) -> Array:
-        """By how much the parameters (P,) are off where each record's output has `lacking` (M,) that the prediction lacks."""
+        """The errors of the parameters (P,) if each record's output has `lacking` (M,), which the prediction lacks."""
         columns = [
             in_innovations(self.fit, record, extra[:, None])
             for record, extra in zip(self.fit.records, lacking, strict=True)
@@ -189,14 +189,14 @@ class ScoreTest:
         return self.joint_shift(np.concatenate(columns)[:, 0])[: len(self.fit.model.theta)]
 
     def joint_shift(self, lacking: Array) -> Array:
-        """By how much the joint vector (P + ΣQ,) is off where the innovations of all records lack that: (J'J)⁻¹ J' lacking."""
+        """The errors of the joint vector (P + ΣQ,) if the innovations of all records lack that: (J'J)⁻¹ J' lacking."""
         off = np.zeros(len(self.scale))
         matters, seen = self.matters, self.basis.T @ lacking
         off[matters] = np.linalg.lstsq(self.triangle, seen, rcond=1e-12)[0] / self.scale[matters]
         return off
 
     def _in_sd(self, off: Array) -> float:
-        """By how many standard deviations gain or time constant are off where the joint vector (P + ΣQ,) is off by that."""
+        """The larger error of gain and time constant, in standard deviations, for these errors of the joint vector (P + ΣQ,)."""
         sd = np.sqrt(np.diag(self.fit.covariance))
         names = self.fit.model.names
         at = [names.index(name) for name in ("gain", "time_constant") if name in names]

@@ -72,7 +72,7 @@ def _nothing(asked: Sequence[ParameterStatus], fit: Fit) -> Finding:
 
 
 def _any_gain(gain: ParameterStatus, fit: Fit) -> str:
-    """What keeps a gain open although the output follows the input."""
+    """The reason why a gain stays open although the output follows the input."""
     told = rounded_interval(gain.estimate.value, gain.estimate.interval, gain.estimate.unit)
     widest = max(composition(fit), key=lambda line: line.half_widths.get(gain.name, 0.0))
     return (

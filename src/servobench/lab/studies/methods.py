@@ -37,7 +37,7 @@ class _Estimate:
     time_constant_sd: float
 
     def sds_off(self, truth: Truth) -> float:
-        """By how many of its standard deviations the time constant is off; NaN where there is none."""
+        """The error of the time constant in its standard deviations; NaN where there is none."""
         return abs(self.time_constant - truth.time_constant) / self.time_constant_sd
 
 

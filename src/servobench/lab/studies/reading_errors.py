@@ -38,7 +38,7 @@ class ReadingErrors(StudySettings):
     sample_times: Annotated[tuple[PositiveTime, ...], Field(min_length=1)] = (0.002, 0.001)
     """Sample times [s]."""
     speeds: Annotated[tuple[Annotated[Speed, Field(gt=0)], ...], Field(min_length=1)] = (20.0, 47.6)
-    """By how much the speed moves in the step [rad/s]."""
+    """The change of speed in the step [rad/s]."""
 
     def __call__(self, stand: Stand) -> StudyResult:
         """Return a row for each speed, sample time and cut-off, and the error over the cut-off."""

@@ -65,7 +65,7 @@ def _series(channel: Channel, values: Array, t: Array | None) -> Series:
 
 
 class _Content:
-    """What is in a file that is open, read once."""
+    """The content of a file that is open, read once."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -106,6 +106,6 @@ _OPEN: weakref.WeakSet[_Content] = weakref.WeakSet()
 
 
 def _stamp(number: int) -> tuple[int, int]:
-    """What changes when something is written into a file: its size [bytes] and the time of the last change [ns]."""
+    """The state of a file that every write changes: its size [bytes] and the time of the last change [ns]."""
     state = os.fstat(number)
     return state.st_size, state.st_mtime_ns

@@ -224,7 +224,7 @@ class Bench:
 
     @property
     def quiet(self) -> float:
-        """By how many counts a shaft at rest may seem to move."""
+        """The counts that a shaft at rest may seem to move by."""
         return QUIET + self.value_of("noise", 0.0)
 
     def _check_interlock(self, segments: Sequence[tuple[float, float]], limits: Mapping[str, Any]) -> None:

@@ -41,7 +41,7 @@ class _Scanner:
         self.line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
         self.lines: dict[Path, int] = {}
         self.elements: dict[Path, int] = {}
-        """How many elements each array of tables has so far."""
+        """The number of elements of each array of tables so far."""
 
     def scan(self) -> dict[Path, int]:
         table: Path = ()

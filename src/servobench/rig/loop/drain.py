@@ -86,9 +86,9 @@ class Drain:
         """Whether it contains the whole requested duration, although the run goes on."""
         self.begun = False
         self.rows = 0
-        """How many rows are in the file."""
+        """The number of rows in the file."""
         self.taken = 0
-        """How many rows and events came out of the rings so far."""
+        """The number of rows and events that came out of the rings so far."""
         self.ended: tuple[Stopped, tuple[Finding, ...]] | None = None
         """Why the run ended, and what was found, once the event "ended" came."""
         if begun is not None:

@@ -47,7 +47,7 @@ class References:
         return self._array[index - self._first :]
 
     def _shift_at(self, tick: Tick) -> int:
-        """By how much the schedule was moved [ns]: whole ones, so that a rounding error moves nothing."""
+        """The shift of the schedule [ns]: whole ones, so that a rounding error moves nothing."""
         return round(1e9 * (tick.scheduled - tick.index * self._sample_time))
 
     def _evaluate(self, first: int, moved: int, count: int) -> None:

@@ -46,7 +46,7 @@ class Plant:
         self._physics, self._tick = physics, tick
         self._noise, self._random = torque_noise, random
         self.factor = disturbance_factor(physics, torque_noise, tick) if torque_noise else None
-        """What white torque does in a tick, (3, 3); None without one."""
+        """The factor (3, 3) that makes the effect of white torque in a tick of standard normals; None without one."""
         self._now, self._voltage = 0.0, 0.0
         self.blocked = False
         self._coming: list[tuple[float, float]] = []
@@ -120,7 +120,7 @@ class Plant:
         )
 
     def _factor_of_part(self, step: float) -> Array:
-        """What white torque does in a part of a tick; a delay cuts each tick into the same parts, but for rounding."""
+        """The same factor for a part of a tick; a delay cuts each tick into the same parts, but for rounding."""
         part = SAME * self._tick
         return _factor(self._physics, self._noise, round(step / part) * part)
 

@@ -101,7 +101,7 @@ class MotorKalman:
 
     @property
     def corrections(self) -> tuple[float, float]:
-        """By how much a surprise of 1 rad corrects the position [1] and the speed [1/s]."""
+        """The corrections of position [1] and speed [1/s] by a surprise of 1 rad."""
         from scipy.linalg import solve_discrete_are
 
         advance, _ = self._model

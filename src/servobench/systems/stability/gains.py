@@ -188,7 +188,7 @@ def _at_level(phase: Phase, level: float, start: float, end: float) -> float:
 
 
 def _turns(phase: Phase, omega: float) -> float:
-    """By how many turns the phase is above -180°; next to ω = 0 it is a multiple of 90° exactly."""
+    """The turns by which the phase is above -180°; next to ω = 0 it is a multiple of 90° exactly."""
     angle = phase(omega)
     if omega == _FIRST:
         angle = 0.5 * math.pi * round(2 * angle / math.pi)

@@ -162,7 +162,7 @@ def _falls_from(loop: TransferFunction) -> float:
 
 
 def _phase_growth(loop: TransferFunction, end: float) -> float | None:
-    """By how much the phase of F(jω) grows from 0 to `end`; None where F is zero on the way."""
+    """The growth of the phase of F(jω) from 0 to `end`; None where F is zero on the way."""
     corners = np.abs([*np.roots(loop.denominator), *np.roots(loop.numerator), _slow_pole(loop)])
     low = 1e-4 * min([*corners[corners > 0].tolist(), 1 / loop.delay, end])
     even = np.linspace(0.0, end, min(math.ceil(4 * end * loop.delay) + 200, _MOST))

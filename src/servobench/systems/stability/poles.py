@@ -109,7 +109,7 @@ def _newton(p: Coefficients, start: complex) -> complex:
 
 
 def _rounding(p: Coefficients, order: int, s: complex) -> float:
-    """By how much rounding moves the value of a derivative of a polynomial at s.
+    """The error of the value of a derivative of a polynomial at s, by rounding.
 
     Each coefficient is off by half a unit in the last place, times the products that made it: a product of n factors costs n
     roundings, its evaluation 2 n more (Higham 2002, section 5.1).

@@ -36,7 +36,7 @@ class Response:
 
     @property
     def overshoot(self) -> float:
-        """By how much of the step the output goes beyond it."""
+        """The part of the step by which the output goes beyond it."""
         return max(float(self.output.max()) - 1.0, 0.0)
 
     @property

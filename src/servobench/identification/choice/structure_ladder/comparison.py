@@ -35,7 +35,7 @@ def better(one: Fit, other: Fit) -> bool:
 
 
 def _gain(one: Fit, other: Fit, worth: float) -> float:
-    """By how much twice the logarithm of the posterior of a fit is above that of another, but for the number of parameters.
+    """The excess of twice the logarithm of one fit's posterior over another's, but for the number of parameters.
 
     `worth` is how many samples of white noise the residuals are worth.
     """

@@ -238,7 +238,7 @@ def _noise_level(found: Sequence[_Solution], white: Array, driven: Array) -> Arr
 
 
 def _noise_excess(found: Sequence[_Solution]) -> Array:
-    """By how much the noise around each window is above what was supposed: over as many windows as it takes to know that well."""
+    """The noise around each window over the noise supposed, over as many windows as it takes to know that well."""
     freedom = np.array([s.freedom for s in found])
     power = np.array([s.power for s in found])
     scales = np.empty(len(found))

@@ -55,7 +55,7 @@ class ViscousFriction:
         return question.shift(gain=low, time_constant=low)
 
     def size_text(self, question: Question, size: float) -> str:
-        """By how much, in N·m·s/rad where the sheet is known."""
+        """The change, in N·m·s/rad if the data sheet is known."""
         what = "R b/k²" if question.motor is None else "b"
         return f"{what} {'higher' if size >= 0 else 'lower'} by {self.amount(question, size)}"
 

@@ -236,7 +236,7 @@ def _may_turn_within(data: Dataset, flat: _Flat, quantum: float) -> bool:
 
 
 def _way_held_back(data: Dataset, driven: Array, fastest: float) -> float:
-    """How far a shaft would have gone in a flat in which it was `driven` (N,) to and fro (1 and -1) or not at all (0).
+    """The way that a shaft would have gone in a flat in which it was `driven` (N,) to and fro (1 and -1) or not at all (0).
 
     At its usual speed; under an input that only comes on at the end of the flat it has to set off first, after a delay.
     """
