@@ -110,7 +110,7 @@ class RowOrder:
         return self._follows(time, held) or abs(time - held - step) <= _ALIKE * abs(step)
 
     def _wrap(self, step: float) -> float:
-        """The time that the board's clock lost by wrapping [s], 0 if it didn't: one that showed more than a width holds has another."""
+        """The time [s] that the board's clock lost by wrapping, 0 if it didn't: one that showed more than a width has another."""
         shown = (self._last or 0.0) - self._wrapped
         for ticks in _WRAPS:
             if shown < ticks * self.tick and 0 < step + ticks * self.tick <= _NEAR * self.step:
