@@ -7,8 +7,10 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.linalg import expm
 from scipy.optimize import brentq
+from scipy.special import k0
 from scipy.stats import ncx2
 
 from servobench.core.channels import Array
@@ -68,6 +70,34 @@ def test_of_records_at_two_sample_times_the_loop_runs_at_the_shorter() -> None:
     for data in (records, records[::-1]):
         found = OutputError().fit(STRUCTURES["first_order_one_way"], data)
         assert loop_margins(found) == loop_margins(found, sample_time=0.002)
+
+
+def test_a_product_that_is_level_along_both_parameters_has_the_quantiles_of_a_product() -> None:
+    """x y of two standard normals has the density K₀(|z|)/π; its derivatives are 0, and so it is along x and along y."""
+    found = propagate(
+        fit(), lambda m: np.array([(m["gain"] - K) / SD[0] * (m["time_constant"] - TAU) / SD[1]])
+    )
+
+    truth = brentq(lambda z: quad(k0, z, np.inf)[0] / math.pi - 0.025, 0.1, 10.0)
+    error = math.sqrt(0.025 * 0.975 / 600) / (k0(truth) / math.pi)  # of a quantile of 600 draws
+    assert found.sampled.tolist() == [True]
+    assert found.high[0] == pytest.approx(truth, abs=4 * error)
+    assert found.low[0] == pytest.approx(-truth, abs=4 * error)
+
+
+def test_what_is_straight_takes_few_evaluations_and_what_is_bent_is_sampled() -> None:
+    seen: list[float] = []
+
+    def straight(model: Model) -> Array:
+        seen.append(1.0)
+        return np.array([model["gain"] / model["time_constant"]])
+
+    assert not propagate(fit(), straight).sampled.any()
+    assert len(seen) < 50
+    # Two standard deviations are 0.2 % of the gain: its tenth power leaves its tangent by 0.9 % of half an interval. With 20 %
+    # it is by far more.
+    assert not propagate(fit(), lambda m: np.array([m["gain"] ** 10])).sampled.any()
+    assert propagate(fit(sd=100 * SD), lambda m: np.array([m["gain"] ** 10])).sampled.all()
 
 
 def test_correlation_counts() -> None:

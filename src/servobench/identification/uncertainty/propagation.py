@@ -1,10 +1,10 @@
 """Intervals carried on: from the parameters of a fit to whatever is computed from them.
 
 To first order the variance of f(θ) is g Σ g', with the gradient g of f by the parameters and their covariance Σ (JCGM 100:2008,
-section 5.2; the draws below: JCGM 101:2008). Whether that is
-enough is tried: parameters are drawn from what the fit says of them, and where f of these draws has other quantiles than its
-tangent plane has, f's own quantiles are the interval. That is so for a margin that is infinite for a part of the draws, for a
-bend within the interval, and for a parameter whose interval isn't symmetric.
+section 5.2; the draws below: JCGM 101:2008). Whether that is enough is tried: where f leaves its tangent plane along the axes of
+Σ or where it is steepest, parameters are drawn from what the fit says of them, and where f of these draws has other quantiles
+than its tangent plane has, f's own quantiles are the interval. That is so for a margin that is infinite for a part of the draws,
+for a bend within the interval, and for a parameter whose interval isn't symmetric.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -187,15 +188,51 @@ def propagate(fit: Fit, function: Callable[[Model], Array]) -> Propagation:
     half = TWO_SIDED * deviation(slopes, fit.covariance)
     unknown = np.isnan(value) | _hangs_on_unknown(slopes, fit.covariance)
     half[unknown] = np.nan
-    moved = _sampled_ends(fit, function, value, slopes, _TRIAL) - np.array([value - half, value + half])
-    with np.errstate(invalid="ignore"):
-        straight = (np.abs(moved) <= _BEND * half + 1e-9 * np.abs(value)).all(axis=0)
-    bent = ~straight & ~unknown
     low, high = value - half, value + half
+    bent = np.zeros(len(value), dtype=bool)
+    if not _follows_its_plane(fit, function, value, slopes, half):
+        moved = _sampled_ends(fit, function, value, slopes, _TRIAL) - np.array([low, high])
+        with np.errstate(invalid="ignore"):
+            bent = ~(np.abs(moved) <= _BEND * half + 1e-9 * np.abs(value)).all(axis=0) & ~unknown
     if bent.any():
         ends = _sampled_ends(fit, function, value, slopes, _FULL)
         low, high = np.where(bent, ends[0], low), np.where(bent, ends[1], high)
     return Propagation(value=value, low=low, high=high, sampled=bent)
+
+
+def _follows_its_plane(
+    fit: Fit, function: Callable[[Model], Array], value: Array, slopes: Array, half: Array
+) -> bool:
+    """Whether all values that are known are on the tangent plane at the edge of the region that holds 95 % of a parameter.
+
+    It is looked at along the axes of the covariance and between each two of them, which shows all second derivatives, and, for
+    each value, where that changes most: there lie the ends of its interval. What is off by a quarter of what would matter, and a
+    fit that has an interval of its own for a parameter, is left to a sample.
+    """
+    if fit.intervals:
+        return False
+    sd = np.sqrt(np.diag(fit.covariance))
+    free = np.isfinite(sd) & (sd > 0)
+    part = fit.covariance[np.ix_(free, free)]
+    values, vectors = np.linalg.eigh(part / np.outer(sd[free], sd[free]))
+    axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T * sd[free]
+    known = np.isfinite(half)
+    steep = known & (half > 0)
+    steepest = slopes[np.ix_(steep, free)] @ part * (TWO_SIDED / half[steep, None])
+    lower, upper = fit.model.structure.bounds([fit.model.data])
+    between = [(one + other) / math.sqrt(2) for one, other in combinations(axes, 2)]
+    for way in TWO_SIDED * np.vstack([axes, *between, steepest]):
+        for side in (1.0, -1.0):
+            step = np.zeros(len(sd))
+            step[free] = side * way
+            theta = fit.model.theta + step
+            if (theta < lower).any() or (theta > upper).any():
+                return False
+            found = _attempt(function, replace(fit.model, theta=theta), value)[known]
+            off = np.abs(found - value[known] - slopes[known] @ step)
+            if not (off <= 0.25 * _BEND * half[known] + 1e-9 * np.abs(value[known])).all():
+                return False
+    return True
 
 
 def gradient(fit: Fit, function: Callable[[Model], NDArray[Any]]) -> NDArray[Any]:
