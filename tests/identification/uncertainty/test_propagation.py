@@ -85,6 +85,13 @@ def test_a_product_that_is_level_along_both_parameters_has_the_quantiles_of_a_pr
     assert found.low[0] == pytest.approx(-truth, abs=4 * error)
 
 
+def test_an_infinite_value_beside_a_straight_one_has_an_infinite_interval() -> None:
+    found = propagate(fit(), lambda m: np.array([math.inf, m["gain"]]))
+
+    assert found.low[0] == found.high[0] == math.inf
+    assert found.high[1] == pytest.approx(K + TWO_SIDED * SD[0], rel=1e-6)
+
+
 def test_what_is_straight_takes_few_evaluations_and_what_is_bent_is_sampled() -> None:
     seen: list[float] = []
 

@@ -190,7 +190,8 @@ def propagate(fit: Fit, function: Callable[[Model], Array]) -> Propagation:
     half[unknown] = np.nan
     low, high = value - half, value + half
     bent = np.zeros(len(value), dtype=bool)
-    if not _follows_its_plane(fit, function, value, slopes, half):
+    has_no_plane = ~np.isfinite(half) & ~unknown  # such as a margin that is infinite
+    if has_no_plane.any() or not _follows_its_plane(fit, function, value, slopes, half):
         moved = _sampled_ends(fit, function, value, slopes, _TRIAL) - np.array([low, high])
         with np.errstate(invalid="ignore"):
             bent = ~(np.abs(moved) <= _BEND * half + 1e-9 * np.abs(value)).all(axis=0) & ~unknown
