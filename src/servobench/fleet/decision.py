@@ -13,6 +13,7 @@ from enum import StrEnum
 from itertools import pairwise
 from statistics import NormalDist
 
+from servobench.core.crossing import crossing
 from servobench.core.rounding import TWO_SIDED
 
 _NORMAL = NormalDist()
@@ -198,8 +199,6 @@ def _zones(
 
 def _reaches(wanted: float, u: float, low: float, high: float) -> tuple[float, float]:
     """Between which measured values the conformance probability reaches a wanted one; an empty interval where it never does."""
-    from scipy.optimize import brentq
-
     z = _NORMAL.inv_cdf(wanted)
     if u <= 0:
         return low, high
@@ -213,4 +212,4 @@ def _reaches(wanted: float, u: float, low: float, high: float) -> tuple[float, f
     middle, far = 0.5 * (low + high), 0.5 * (high - low) + 10 * u
     if short(middle) < 0:
         return math.inf, -math.inf
-    return float(brentq(short, middle - far, middle)), float(brentq(short, middle, middle + far))
+    return crossing(short, middle - far, middle), crossing(short, middle, middle + far)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.crossing import crossing
 from servobench.core.errors import UsageError
 from servobench.systems.responses import mirror, positive_roots, squared_magnitude
 from servobench.systems.transfer_function import TransferFunction
@@ -157,8 +158,6 @@ def _phase_crossovers_behind_delay(
     root turns the phase by no more than π/6. A delay of more than a thousand turns there is beyond any control, and beyond what
     is looked through.
     """
-    from scipy.optimize import brentq
-
     both = [*phase.zeros, *phase.poles]
     roots = np.abs(both)
     corners = [*roots[roots > 0], *([gain_crossover] if gain_crossover else [])]
@@ -182,7 +181,7 @@ def _phase_crossovers_behind_delay(
             break
         for turn in range(int(min(whole[n], whole[n + 1])) + 1, int(max(whole[n], whole[n + 1])) + 1):
             level = _TURN * turn - math.pi
-            at = float(brentq(lambda x, level=level: phase(x) - level, omega[n], omega[n + 1], rtol=1e-12))
+            at = crossing(lambda x, level=level: phase(x) - level, omega[n], omega[n + 1])
             found.append(at)
             best = min(best, apart(_factor(loop, at)))
     return found

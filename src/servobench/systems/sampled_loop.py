@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
+from servobench.core.crossing import crossing
 from servobench.core.errors import UsageError
 from servobench.systems.margins import Margins, Phase, apart, gain_crossovers, slopes, wrap_phase
 from servobench.systems.responses import positive_roots
@@ -465,8 +466,6 @@ def _between(
     course: _Course, crossovers: list[float], chosen: Callable[[range, bool], Iterable[int]]
 ) -> Iterator[tuple[float, float]]:
     """The points of phase -180°, as 1/|L| and α: on each stretch between the edges, of the levels crossed those chosen."""
-    from scipy.optimize import brentq
-
     edges = sorted({math.atan(v) for v in (*crossovers, *course.turning_points())})
     for alpha in edges:
         turns = course.turns(alpha)
@@ -480,9 +479,5 @@ def _between(
         if len(levels) > 1 and not apart(course.factor(start)) < apart(course.factor(end)):
             rises = not rises
         for level in chosen(levels, rises):
-            at = float(
-                brentq(
-                    lambda alpha, level=level: course.turns(alpha) - level, start, end, xtol=1e-15, rtol=1e-13
-                )
-            )
+            at = crossing(lambda alpha, level=level: course.turns(alpha) - level, start, end)
             yield course.factor(at), at

@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.crossing import crossing
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.disturbance import Disturbance, Trial
@@ -77,7 +78,6 @@ def tail_factor(weights: Array, means: Array, variances: Array, variance: float)
 
     `variance` is the mean square of the whole mixture about zero; the factor is at least 1.
     """
-    from scipy.optimize import brentq
     from scipy.special import ndtr
 
     if not variance > 0:
@@ -88,7 +88,8 @@ def tail_factor(weights: Array, means: Array, variances: Array, variance: float)
     def beyond(far: float) -> float:
         return float(weights @ (ndtr((middle - far) / sd) + ndtr((-middle - far) / sd))) - _SELDOM
 
-    return max(float(brentq(beyond, 0.0, 1.0 / np.sqrt(_SELDOM), rtol=1e-3)) / _NORMAL, 1.0)
+    # Chebyshev's inequality says how far it can be at most.
+    return max(crossing(beyond, 0.0, 1.0 / np.sqrt(_SELDOM)) / _NORMAL, 1.0)
 
 
 def _weights(trials: list[Trial]) -> Array:

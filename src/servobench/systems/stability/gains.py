@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.crossing import crossing
 from servobench.core.errors import UsageError
 from servobench.systems.margins import Phase, turning_points
 from servobench.systems.responses import mirror, positive_roots
@@ -182,9 +183,7 @@ def _crossings_beyond(phase: Phase, low: float, delay: float, roots: int) -> Ite
 
 
 def _at_level(phase: Phase, level: float, start: float, end: float) -> float:
-    from scipy.optimize import brentq
-
-    return float(brentq(lambda omega: phase(omega) - level, start, end, xtol=1e-300, rtol=1e-14))
+    return crossing(lambda omega: phase(omega) - level, start, end)
 
 
 def _turns(phase: Phase, omega: float) -> float:
