@@ -261,8 +261,10 @@ def places_on_a_grid(t: Array, usual: float) -> NDArray[np.int64]:
     counted = np.zeros(len(t))
     for k in range(1, len(t)):
         counted[k] = counted[k - 1] + np.rint((t[k] - t[k - 1]) / usual)
-    middle, centre = counted.mean(), t.mean()
-    product = square = 0.0
+    middle = centre = product = square = 0.0
+    for k in range(len(t)):
+        middle += counted[k] / len(t)
+        centre += t[k] / len(t)
     for k in range(len(t)):
         product += (counted[k] - middle) * (t[k] - centre)
         square += (counted[k] - middle) ** 2

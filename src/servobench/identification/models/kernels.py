@@ -381,17 +381,14 @@ def separable_moments(
     t_out: Array,
     y: Array,
     speed_out: float,
-    shared: NDArray[np.int64],
-    own: NDArray[np.int64],
+    columns: NDArray[np.int64],
 ) -> Array:
-    """Return [A y]'[A y] (T, S + O + 1, S + O + 1) at each of the points (T, 2) of τ and d, the delay of the device included.
+    """Return [A y]'[A y] (T, S + 1, S + 1) at each of the points (T, 2) of τ and d, the delay of the device included.
 
-    The columns of A are what y is linear in: `shared` (S,) of the responses to the input (GAIN), to its offset (OFFSET) and to
-    friction (COULOMB), each for K = 1, then those to the start state, `own` (O,). The direction of motion, `sense` (E,) from
-    `t_sense` on, is taken from the data. t_out (M,) are the samples to use, y (M,) their values; the first is where the record
-    begins.
+    The columns of A are what y is linear in: of `columns` (S,) the responses to the input (GAIN), to its offset (OFFSET) and to
+    friction (COULOMB), each for K = 1, and those to the start state. The direction of motion, `sense` (E,) from `t_sense` on,
+    is taken from the data. t_out (M,) are the samples to use, y (M,) their values; the first is where the record begins.
     """
-    columns = np.append(shared, own)
     block = np.empty((len(columns) + 1, len(t_out)))
     block[len(columns)] = y
     out = np.empty((len(points), len(block), len(block)))

@@ -300,8 +300,7 @@ class _Plain:
             self.t,
             self.y,
             float(data.kind == "speed"),
-            self.shared,
-            self.nuisance,
+            np.append(self.shared, self.nuisance),
         )
 
     def own(self, linear: Array) -> Array:

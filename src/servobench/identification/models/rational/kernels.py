@@ -147,7 +147,10 @@ def unit_length(field: Array) -> float:
     """Return h₀ = 1/|F| in the norm of the largest column sum, for `field` (S, S), F transposed."""
     norm = 0.0
     for j in range(len(field)):
-        norm = max(norm, float(np.sum(np.abs(field[j]))))
+        total = 0.0
+        for i in range(field.shape[1]):
+            total += abs(field[j, i])
+        norm = max(norm, total)
     return 1.0 / max(norm, 1e-300)
 
 
@@ -206,7 +209,10 @@ def march(
     """
     size, held = len(x), inputs.shape[1]
     h0 = unit_length(field)
-    powers = powers_by_doubling(field, h0, length.max())
+    longest = 0.0
+    for each in length:
+        longest = max(longest, each)
+    powers = powers_by_doubling(field, h0, longest)
     known = transitions(field, powers, h0, steps)
     term, sum_ = np.empty(size), np.empty(size)
     for e in range(len(length)):
