@@ -17,7 +17,7 @@ def test_a_run_is_exported_and_nothing_is_overwritten(
 
     assert servobench("export", finished_run, "--as", "csv", "--out", file).status == 0
     assert file.read_text(encoding="utf-8").startswith(
-        "parameter,value,sd,low,high,level,unit,verdict\ngain,23."
+        "parameter,value,sd,low,high,level,unit,state,verdict\ngain,23."
     )
     again = servobench("export", finished_run, "--as", "csv", "--out", file)
     assert again.status == 2

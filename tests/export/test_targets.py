@@ -95,6 +95,54 @@ def test_csv_has_a_row_for_each_parameter_and_no_formula(answer: ResultSummary) 
     assert not re.search(r"(^|,)[=+@-](?![0-9.])", table, re.MULTILINE)
 
 
+def known_together() -> dict[str, Any]:
+    """Return a result that knows the time constant with the delay only, at most a friction, and the gain at one place."""
+    made = document()
+    for name in made["parameters"]:
+        made["parameters"][name]["state"] = "known"
+    made["parameters"]["time_constant"] |= {"state": "combination", "combination": "lag"}
+    made["parameters"]["coulomb_voltage"] |= {"state": "bounded", "interval": [-0.3, 0.41]}
+    made["combinations"] = {
+        "lag": {
+            "value": 0.0996,
+            "sd": 0.001,
+            "interval": [0.0976, 0.1016],
+            "level": 0.95,
+            "unit": "s",
+            "meaning": "time constant + delay",
+            "parameters": ["time_constant", "delay"],
+        }
+    }
+    local = "The input stayed at 3 V: the gain and the offset hold at this operating point; elsewhere the motor isn't known."
+    made["findings"] = [{"code": "gain-local", "severity": "info", "sentence": local}]
+    return made
+
+
+@pytest.mark.parametrize("target", ["control", "matlab", "mujoco", "c", "wpilib", "java", "cpp", "python"])
+def test_every_file_says_what_the_data_do_not_determine(target: str) -> None:
+    wishes = {"mujoco": Wishes(inertia=2e-5), "c": Wishes(sample_time=0.002)}.get(target, Wishes())
+
+    text = rendered(ResultSummary.from_document(known_together(), "the result"), target, wishes).decode()
+
+    assert "The time constant is not known alone, only in the combination 'time constant + delay'" in text
+    assert "The Coulomb voltage isn't known, only that it is at most 0.41 V." in text
+    assert "What stands for them is one choice of many that suit the data." in text
+    assert "elsewhere the motor isn't known" in text
+
+
+def test_csv_has_states_and_known_combinations() -> None:
+    table = rendered(ResultSummary.from_document(known_together(), "the result"), "csv").decode()
+
+    rows = {row["parameter"]: row for row in csv.DictReader(io.StringIO(table))}
+    assert [rows[name]["state"] for name in ("gain", "time_constant", "coulomb_voltage")] == [
+        "known",
+        "combination",
+        "bounded",
+    ]
+    assert float(rows["time constant + delay"]["low"]) == 0.0976
+    assert rows["time constant + delay"]["state"] == "known"
+
+
 def test_python_control_gets_the_same_system(answer: ResultSummary) -> None:
     names: dict[str, Any] = {}
     exec(compile(rendered(answer, "control"), "motor.py", "exec"), names)
@@ -231,8 +279,7 @@ def test_a_delay_below_zero_or_that_may_be_none_is_left_out_in_a_sentence(target
         made["transfer_function"]["delay"] = delay
         text = rendered(ResultSummary.from_document(made, "the result"), target, wishes).decode()
         if delay < 0 or target in {"control", "matlab", "mujoco"}:
-            low, high = (f"{1000 * end:.3g}" for end in interval)
-            assert f"is left out: its 95 % interval, {low} to {high} ms, includes zero." in text
+            assert f"The delay of {1000 * delay:.3g} ms is left out: its 95 % interval includes zero." in text
         else:  # gains allow for the delay as it is estimated
             assert "is left out" not in text
     plain = rendered(ResultSummary.from_document(document(), "the result"), target, wishes).decode()

@@ -151,6 +151,8 @@ def export(
         say(console, f"written: {written}")
     if answer is not None and answer.verdict == "doubtful":
         say(console, "The result is doubtful; the file gives the reasons where it has room for them.")
+    for caution in answer.cautions if answer is not None else ():
+        say(console, f"! {caution}")
     if as_json:
         print_json(document_of_files(files))
 

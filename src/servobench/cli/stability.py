@@ -201,11 +201,13 @@ def _of_an_answer(
     if answer.verdict == "doubtful":
         reasons = [f["sentence"] for f in answer.document["findings"] if f["severity"] == "warning"]
         _say(out, "The motor's result is doubtful, and so is everything below", reasons)
+    if answer.cautions:
+        _say(out, "Not all of the motor is known", answer.cautions)
     position, driven_by = answer.units
     unit = f"{driven_by}/{position}"
     unstated = () if continuous or sample_time is not None else (_UNSTATED,)
     return {
-        "motor": {"verdict": answer.verdict, "doubts": reasons},
+        "motor": {"verdict": answer.verdict, "doubts": reasons, "cautions": list(answer.cautions)},
         **_of_the_motor(out, answer.transfer_function, _gain(kp, unit), unit, sample_time, unstated),
     }
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from servobench.systems.tuning.tune import TuningResult
 
 _VOLTAGE_LIMIT = 10.0  # V
+_NOTHING = 1e-6  # of a margin, an overshoot, a time [s]
 _WORDS = {
     "gain_margin": "gain margin (factor)",
     "gain_margin_downwards": "gain margin downwards (factor)",
@@ -239,6 +240,10 @@ def _rows(quantities: Mapping[str, LoopValue]) -> list[tuple[str, str, str, str]
         factor, unit = {"rad": (180 / math.pi, "deg"), "1": (1.0, "")}.get(each.unit, (1.0, each.unit))
         if name == "overshoot":
             factor, unit = 100.0, "%"
-        value, low, high = (f"{factor * x:.3g}" for x in (each.value, *each.interval))
+        if math.isnan(each.value):
+            continue
+        value, low, high = (
+            f"{factor * x:.3g}" if abs(x) > _NOTHING else "0" for x in (each.value, *each.interval)
+        )
         rows.append((_WORDS[name], value, f"{low} to {high}", unit))
     return rows

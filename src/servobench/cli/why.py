@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from servobench.identification.reconciliation.judgement import JudgedCause, Share
 
 _MOST_CAUSES = 6  # in the table; what is less probable stands in the sentences and in the JSON
+_RARE = 0.005  # a probability that is rounded to none
 
 
 @with_reading
@@ -120,7 +121,10 @@ def _show_causes(console: Console, explanation: Explanation) -> None:
     shares = [f"of {parameter_in_words(each.name)}" for each in explanation.differences]
     headings = ("cause", "probability", *shares, "the whole difference would need")
     rows = []
-    for each in [cause for cause in explanation.causes if cause.possible][:_MOST_CAUSES]:
+    possible = [cause for cause in explanation.causes if cause.possible]
+    for each in [cause for cause in possible if cause is possible[0] or cause.probability >= _RARE][
+        :_MOST_CAUSES
+    ]:
         parts = {share.name: share for share in each.explains}
         texts = [_share(parts.get(difference.name)) for difference in explanation.differences]
         rows.append((each.label, _percent(each.probability), *texts, _size_needed(each)))
@@ -159,7 +163,7 @@ def _share(share: Share | None) -> str:
 
 
 def _percent(probability: float) -> str:
-    return f"{100 * probability:.0f} %" if probability >= 0.005 else "< 1 %"
+    return f"{100 * probability:.0f} %" if probability >= _RARE else "< 1 %"
 
 
 def _size_needed(cause: JudgedCause) -> str:

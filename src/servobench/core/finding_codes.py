@@ -223,6 +223,7 @@ _TABLE = (
     FindingCode("motor-changes", "The motor changes during the record or between records.",
         "Warm it up; identify the parts by themselves.", Role.EXPLANATION),
     FindingCode("motor-doubtful", "A controller was tuned from a doubtful result.", "Look at the doubts of the result first."),
+    FindingCode("motor-not-known", "A controller was tuned for what isn't known.", "Record more, or keep large margins."),
     FindingCode("motor-parameters-disagree", "Model and measurements of the motor contradict each other.",
         "Check the data sheet's values and the scale of the current."),
     FindingCode("motor-parameters-not-told", "These data can't determine some physical parameters.",

@@ -11,12 +11,16 @@ from typing import ClassVar
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.summary import ResultSummary
 
-_HEADINGS = ("parameter", "value", "sd", "low", "high", "level", "unit", "verdict")
+_HEADINGS = ("parameter", "value", "sd", "low", "high", "level", "unit", "state", "verdict")
 
 
 @TARGETS.member("csv")
 class Csv:
-    """A row for each parameter: value, standard deviation, ends of the interval, unit, verdict. Unknown cells are empty."""
+    """A row for each parameter and for each combination that is known where its parts aren't.
+
+    Value, standard deviation, ends of the interval, unit, the state (known, combination, bounded, unknown) and the result's
+    verdict. Unknown cells are empty.
+    """
 
     suffix: ClassVar[str] = ".csv"
     wishes: ClassVar[frozenset[str]] = frozenset()
@@ -26,9 +30,13 @@ class Csv:
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(_HEADINGS)
-        for name, e in answer.estimates.items():
+        known = [(name, e, "known") for name, e in answer.combinations.items()]
+        for name, e, state in [
+            *((name, e, answer.states[name]) for name, e in answer.estimates.items()),
+            *known,
+        ]:
             numbers = [repr(x) if math.isfinite(x) else "" for x in (e.value, e.sd, *e.interval, e.level)]
-            table.writerow([harmless(name), *numbers, harmless(e.unit), answer.verdict])
+            table.writerow([harmless(name), *numbers, harmless(e.unit), state, answer.verdict])
         return {f"{stem}.csv": text.getvalue().encode()}
 
 

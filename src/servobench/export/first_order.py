@@ -54,6 +54,7 @@ def first_order_motor(
         one_way="one_way" in answer.structure,
         moments=moments * np.outer(scale, scale),
         doubtful=answer.verdict == "doubtful",
+        cautions=answer.cautions,
     )
 
 

@@ -19,6 +19,7 @@ from servobench.core.estimate import Estimate
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.units import is_unit, unit
 from servobench.identification.result import SCHEMA, SCHEMAS, Result
+from servobench.identification.uncertainty.cautions import cautions
 from servobench.systems.interop import hand_over, to_control
 from servobench.systems.transfer_function import TransferFunction
 
@@ -35,8 +36,8 @@ class ResultSummary:
 
     `structure` is the name of its model structure. The rows of the covariance stand in the order of `estimates`; NaN stands
     where it isn't known. `input_range` holds the smallest and the largest input of the data. `comment` is what a file without
-    findings of its own should say: where the motor comes from, and the verdict's reasons. `document` is the whole result as
-    plain data of the schema `servobench.result/2`.
+    findings of its own should say: where the motor comes from, the verdict's reasons and the `cautions`, which say what the data
+    don't determine. `document` is the whole result as plain data of the schema `servobench.result/2`.
     """
 
     estimates: Mapping[str, Estimate]
@@ -46,6 +47,7 @@ class ResultSummary:
     structure: str
     input_range: tuple[float, float]
     comment: tuple[str, ...]
+    cautions: tuple[str, ...]
     document: Mapping[str, Any]
 
     @classmethod
@@ -105,6 +107,7 @@ class ResultSummary:
         system = document["transfer_function"]
         low, high = (_number(end) for end in document["operating_range"]["input"])
         _sample_times(document)
+        open_questions = tuple(map(_one_line, cautions(document)))
         return cls(
             estimates=estimates,
             covariance=matrix,
@@ -118,7 +121,8 @@ class ResultSummary:
             verdict=str(document["verdict"]),
             structure=str(document["structure"]),
             input_range=(low, high),
-            comment=_comment(document),
+            comment=(*_comment(document), *open_questions),
+            cautions=open_questions,
             document=document,
         )
 
@@ -146,6 +150,18 @@ class ResultSummary:
         """The verdict and each parameter in one line."""
         parts = ", ".join(f"{name} {estimate}" for name, estimate in self.estimates.items())
         return f"<Answer {self.verdict}: {parts}>"
+
+    @property
+    def states(self) -> Mapping[str, str]:
+        """How far each parameter is known, by name: `known`, `combination`, `bounded` or `unknown`; empty if not stated."""
+        return {name: str(each.get("state", "")) for name, each in self.document["parameters"].items()}
+
+    @property
+    def combinations(self) -> Mapping[str, Estimate]:
+        """The combinations of parameters that are known where not all of their parts are, by their meaning."""
+        return {
+            str(each["meaning"]): _estimate(each) for each in self.document.get("combinations", {}).values()
+        }
 
     @property
     def units(self) -> tuple[str, str]:

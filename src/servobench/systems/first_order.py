@@ -18,7 +18,8 @@ class FirstOrderMotor:
 
     `gain` K [unit/(s·V)], `time_constant` τ [s], `delay` d [s], not negative; `coulomb_voltage` u_c [V] and `offset_voltage`
     u₀ [V] are None where the structure has none; `one_way` says that it turned one way only, so that one
-    voltage stands for both. `moments` are the covariance (3, 3) of K, τ and d. `doubtful` is the verdict on where it comes from.
+    voltage stands for both. `moments` are the covariance (3, 3) of K, τ and d. `doubtful` is the verdict on where it comes from,
+    `cautions` say what isn't known of it.
     """
 
     unit: str
@@ -30,6 +31,7 @@ class FirstOrderMotor:
     one_way: bool
     moments: Array
     doubtful: bool = False
+    cautions: tuple[str, ...] = ()
 
     def draws(self, count: int) -> Array:
         """Return parameters (count, 3), K, τ and d, as the data leave them open; the same ones each time.

@@ -184,7 +184,7 @@ def hand_over(system: TransferFunction, interval: tuple[float, float] | None) ->
     if not delay:
         return system, ""
     if low <= 0 <= high:
-        why = f"its 95 % interval, {_milliseconds(low)} to {_milliseconds(high)} ms, includes zero"
+        why = "its 95 % interval includes zero"
     elif delay < 0:
         why = "the output can't come before its cause"
     else:

@@ -55,6 +55,7 @@ def explanations() -> list[Explanation]:
         method = (None, *METHODS)[random.integers(1 + len(METHODS))]
         found.append(why(result, claims, nominal=SHEET if n % 2 else None, method=method))
     found.append(why(unknown, nominal=SHEET))
+    found.append(why(results[0], ["tau=99"]))
     for n in range(20):
         off = np.exp(random.uniform(-0.5, 0.5, 3))
         sheet = replace(

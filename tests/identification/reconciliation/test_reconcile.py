@@ -1,6 +1,7 @@
 """The verbs: motors that differ from their sheet in one thing that is known, claims whose making is known, and the paper's."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from servobench.core.finding import Severity
 from servobench.identification.identify import identify
 from servobench.identification.reconciliation.reconcile import reconcile
 from servobench.identification.reconciliation.reenactment import reenact
+from servobench.identification.uncertainty.identifiability import State
 from servobench.identification.why import why
 from tests.datasets import dataset
 from tests.identification.reconciliation.motors import BEHIND, SHEET, identified, undeclared
@@ -75,6 +77,63 @@ def test_a_wrong_scale_of_the_encoder_is_named_and_warned_of(factor: float) -> N
     assert findings[0].severity == Severity.WARNING
 
 
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [
+        (180 / math.pi, "all speeds 180/π times"),
+        (math.pi / 180, "all speeds 1/(180/π) times"),
+        (6.0, "all speeds 6 times"),
+    ],
+)
+def test_degrees_radians_and_turns_are_taken_for_one_another(factor: float, text: str) -> None:
+    result = identified()
+    gain = factor * float(result["gain"])
+
+    found = why(result, [f"gain={gain:.6g}"])
+
+    assert found.causes[0].name == "encoder_scale"
+    assert found.causes[0].probability > 0.99
+    assert found.causes[0].needed is not None
+    assert found.causes[0].needed.text == text
+    assert "units of both figures" in found.causes[0].decision.sentence
+
+
+def test_milliseconds_taken_for_seconds_are_named() -> None:
+    result = identified()
+    milliseconds = 1000 * float(result["time_constant"])
+
+    found = why(result, [f"tau={milliseconds:.5g}"])
+
+    assert found.causes[0].name == "time_unit"
+    assert found.causes[0].probability > 0.99
+    assert found.causes[0].needed is not None
+    assert found.causes[0].needed.text == "the time 1000 times too long"
+
+
+def test_of_two_claims_the_one_that_the_data_know_is_explained() -> None:
+    result = identify(dataset(seed=1, kind="prbs", sample_time=0.4, samples=300, hold=5))
+    assert result.answers["time_constant"].state is State.BOUNDED
+
+    found = why(result, ["gain=40", "tau=0.2"])
+
+    assert [each.name for each in found.differences] == ["gain"]
+    assert found.sentences[0].startswith(
+        "Nothing is said of tau=0.2: the data don't determine the time constant, only that it is at most "
+    )
+    with pytest.raises(
+        NotIdentifiable, match=r"don't determine the time constant.*what would tell it: steps, sampled"
+    ):
+        why(result, ["tau=0.2"])
+
+
+def test_a_size_of_more_than_a_hundred_percent_is_a_plain_number() -> None:
+    result = identified()
+
+    found = why(result, [f"tau={2.02 * float(result['time_constant']):.3g}"])
+
+    assert not re.search(r"\de\+\d", " ".join(found.sentences))
+
+
 def test_coulomb_friction_and_delay_are_measured_and_so_in_neither_figure() -> None:
     found = why(identified(FRICTIONLESS._replace(coulomb_torque=3e-3)), nominal=SHEET)
 
@@ -116,7 +175,7 @@ def test_the_paper_s_claim_is_the_filter_s_lag_for_the_greater_part() -> None:
         assert needed is not None
         # R b/k² = 0.5 % and L/R = 0.14 % of τ are between the formula and this motor, the first once more in R's own effect.
         assert of * math.exp(needed.value) == pytest.approx(value, rel=0.01)
-    assert "below its smallest possible value" in found["viscous_friction"].against
+    assert "opposite direction" in found["viscous_friction"].against
     assert not found["coulomb_friction"].possible
     told = str(found)
     for words in (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from servobench.identification.estimators.disturbance import Disturbance
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.nominal import nominal_values
 from servobench.identification.result import SCHEMAS
+from servobench.identification.uncertainty.cautions import cautions
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.recording import Source
 from servobench.rig.motor.parameters import DataSheet, data_sheet
@@ -165,7 +166,8 @@ def from_result(result: Result, name: str) -> AssumedMotor:
     extra = f"the noise is {max(fit.residual_sd, least):.3g} rad, as in that recording"
     if fit.disturbance is not None:
         extra = "random torque and noise are those of that recording"
-    return _from_result(name, values, quantum, max(fit.residual_sd, least), extra, fit.disturbance)
+    made = _from_result(name, values, quantum, max(fit.residual_sd, least), extra, fit.disturbance)
+    return _with_cautions(made, result.to_dict(derived=False))
 
 
 def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: float) -> AssumedMotor:
@@ -186,7 +188,11 @@ def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: floa
     _check_motor(name, values)
     quantum = 2 * math.pi / counts_per_rev
     extra = _ENCODER.format(f"{counts_per_rev:g}")
-    return _from_result(name, values, quantum, quantum / math.sqrt(12), extra, None)
+    return _with_cautions(_from_result(name, values, quantum, quantum / math.sqrt(12), extra, None), content)
+
+
+def _with_cautions(motor: AssumedMotor, content: Mapping[str, Any]) -> AssumedMotor:
+    return replace(motor, assumptions=(*motor.assumptions, *cautions(content)))
 
 
 def _check_motor(name: str, values: Mapping[str, tuple[float, float]]) -> None:

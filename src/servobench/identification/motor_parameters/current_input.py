@@ -8,9 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import Finding, info
-from servobench.core.rounding import TWO_SIDED
+from servobench.core.rounding import TWO_SIDED, rounded_interval
 from servobench.core.units import is_unit, unit
 from servobench.identification.estimators.base import Fit
+
+_KNOWN = 0.5  # of the ratio: half-width of a 95 % interval up to which it is worth stating
 
 
 def about_current_input(fit: Fit) -> list[Finding]:
@@ -24,10 +26,14 @@ def about_current_input(fit: Fit) -> list[Finding]:
     # d ln(K/τ) = dK/K - dτ/τ
     slope = np.array([1.0 / gain, -1.0 / tau])
     relative = float(np.sqrt(max(slope @ fit.covariance[np.ix_(places, places)] @ slope, 0.0)))
-    ratio = gain / tau
     sentence = (
         "The input is a current, so the model has no back-emf: the time constant is J/b and the gain k/b, much "
-        "larger than for the same motor driven by a voltage. Such data determine their ratio best: k/J = "
-        f"{ratio:.4g} ± {TWO_SIDED * relative * abs(ratio):.2g} {data.position_unit}/(s²·{data.input_unit})."
+        "larger than for the same motor driven by a voltage."
     )
+    if TWO_SIDED * relative <= _KNOWN:
+        ratio, half = gain / tau, TWO_SIDED * relative * abs(gain / tau)
+        text = rounded_interval(
+            ratio, (ratio - half, ratio + half), f"{data.position_unit}/(s²·{data.input_unit})"
+        )
+        sentence += f" Such data determine their ratio best: k/J = {text}."
     return [info("input-is-a-current", sentence, parameters=("gain", "time_constant"))]

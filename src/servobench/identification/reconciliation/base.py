@@ -14,6 +14,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.registry import Registry
+from servobench.core.rounding import plain
 from servobench.identification.reconciliation.readings import Lags
 
 if TYPE_CHECKING:
@@ -196,4 +197,4 @@ def share_of(factor: float) -> str:
     if factor >= 2.5:
         return f"{factor:.3g} times"
     percent = 100 * (factor - 1)
-    return f"{abs(percent):.2g} % {'more' if percent >= 0 else 'less'}"
+    return f"{plain(abs(percent), 2)} % {'more' if percent >= 0 else 'less'}"

@@ -21,8 +21,8 @@ _SPELLINGS: dict[str, Claimed] = {
 }
 # These are parameters of structures too, but the causes only concern gain and time constant.
 _NOT_EXPLAINED = ("coulomb_voltage", "offset_voltage", "stribeck_voltage", "delay")
-_SMALLEST, _LARGEST = 1e-12, 1e12  # in SI units: no motor is beyond these, nor is any mistake in a unit
-_EXPECTED: dict[Claimed, str] = {"gain": "1e-12 to 1e12, either way", "time_constant": "1e-12 to 1e12 s"}
+# In SI units: no motor is beyond these, nor is any mistake in a unit.
+_RANGES: dict[Claimed, tuple[float, float]] = {"gain": (1e-12, 1e12), "time_constant": (1e-9, 1e6)}
 _NUMBER = re.compile(r"\s*[+-]?(?P<digits>\d+\.?\d*|\.\d+)(?:[eE](?P<exponent>[+-]?\d{1,3}))?")
 _PLUS_MINUS = re.compile(r"±|\+/?-")
 _FEWEST_DIGITS = 2  # of a data sheet's value: 4e-06 was written 4.0e-6
@@ -65,10 +65,12 @@ class Claim:
             half = quantity(bounds[0], unit) if len(bounds) == 1 else _half_digit(written, value)
         except UnitError as error:
             raise UsageError(f"claim {text!r}: {error}") from None
-        if not (value > 0 or known == "gain") or not _SMALLEST <= abs(value) <= _LARGEST:
+        smallest, largest = _RANGES[known]
+        if not (value > 0 or known == "gain") or not smallest <= abs(value) <= largest:
+            either = "either way" if known == "gain" else "s"
             raise UsageError(
                 f"claim {text!r}: a {parameter_in_words(known)} of {value:g} isn't possible; expected "
-                f"{_EXPECTED[known]}"
+                f"{smallest:g} to {largest:g}{', ' if known == 'gain' else ' '}{either}"
             )
         if len(bounds) > 1 or not half > 0:
             raise UsageError(f"claim {text!r}: expected one ± and a number above 0 behind it")

@@ -161,6 +161,8 @@ def _size(cause: Cause, question: Question, sizes: Sizes, best: float) -> Size:
         return Size(value=best, text=text)
     half = TWO_SIDED / math.sqrt(information)
     ends = (max(best - half, low), min(best + half, high))
+    if ends[1] <= 0:  # people say from how little to how much less
+        ends = ends[::-1]
     return Size(
         value=best, text=text, low=cause.amount(question, ends[0]), high=cause.amount(question, ends[1])
     )
@@ -237,7 +239,5 @@ def _no_help(cause: Cause, question: Question, *, known: bool) -> str:
         return "no possible size comes near"
     wrong = float(cause.effect(question, low + 0.1 * (high - low)) @ toward) < 0
     return (
-        "it would have to be below its smallest possible value"
-        if wrong and low > -1
-        else "no size of it explains the difference"
+        "it acts in the opposite direction" if wrong and low > -1 else "no size of it explains the difference"
     )

@@ -17,6 +17,8 @@ from servobench.identification.models.nominal import nominal_values
 from servobench.identification.reconciliation.base import Name, Question
 from servobench.identification.reconciliation.claim import Claim, last_digit_half_width
 from servobench.identification.reconciliation.reenactment import lags_of_fit, read_lags, reenact
+from servobench.identification.uncertainty.identifiability import State, combinations, parameter_statuses
+from servobench.identification.uncertainty.status_text import in_words
 from servobench.rig.motor.parameters import MotorParameters
 
 _UNIFORM = 1 / math.sqrt(3)  # the standard deviation of what is spread evenly over ± 1
@@ -149,10 +151,20 @@ def _check(fit: Fit, names: Sequence[Name]) -> None:
             )
     for name in names:
         if name != "delay" and not is_known(fit[name]):
-            raise NotIdentifiable(
-                f"the uncertainty of the {parameter_in_words(name)} isn't known, so differences can't be judged: say what "
-                "lies between the shaft and the output with `chain=...`, or record more steps"
-            )
+            raise NotIdentifiable(f"there is nothing to compare with: {unknown_clause(fit, name)}")
+
+
+def unknown_clause(fit: Fit, name: str) -> str:
+    """Return what the data say of a parameter that they don't determine, and what would tell it, as a clause."""
+    status = parameter_statuses(fit)[name]
+    words = parameter_in_words(name, fit[name].unit)
+    what = f"the data don't determine the {words}"
+    if status.state is State.BOUNDED:
+        what += f", only that it is {in_words(status)}"
+    elif status.state is State.COMBINATION:
+        whole = next(each for each in combinations(fit) if each.name == status.combination)
+        what += f" alone, only that {whole.meaning} is {whole.estimate}"
+    return f"{what}; what would tell it: {status.remedy or 'more steps'}"
 
 
 def _check_units(fit: Fit) -> None:

@@ -26,7 +26,12 @@ from servobench.identification.reconciliation.probabilities import (
     weigh,
     without,
 )
-from servobench.identification.reconciliation.questions import about_claims, about_sheet, is_known
+from servobench.identification.reconciliation.questions import (
+    about_claims,
+    about_sheet,
+    is_known,
+    unknown_clause,
+)
 from servobench.identification.reconciliation.readings import Reading
 from servobench.identification.reconciliation.reenactment import check_method
 from servobench.identification.reconciliation.sentences import differences_told, likeliest, sentences
@@ -67,8 +72,20 @@ def explain(
         )  # fmt: skip
     if not told:
         return _explain(about_sheet(result.fit, _require_parameters(motor)), result)
-    found = _explain(about_claims(result.fit, told, motor=motor, method=method), result)
-    return replace(found, sentences=(*_about_signs(told, result.fit), *found.sentences))
+    known = tuple(claim for claim in told if _is_told(claim, result.fit)) or told
+    found = _explain(about_claims(result.fit, known, motor=motor, method=method), result)
+    rest = [_about_unknown(claim, result.fit) for claim in told if claim not in known]
+    return replace(found, sentences=(*rest, *_about_signs(known, result.fit), *found.sentences))
+
+
+def _is_told(claim: Claim, fit: Fit) -> bool:
+    """Whether the data say what a claim is about, or the model doesn't have it, which is said elsewhere."""
+    return claim.name not in fit.model.names or is_known(fit[claim.name])
+
+
+def _about_unknown(claim: Claim, fit: Fit) -> str:
+    """A sentence on a claim of what the data leave open."""
+    return f"Nothing is said of {claim.text}: {unknown_clause(fit, claim.name)}."
 
 
 def _about_signs(claims: Sequence[Claim], fit: Fit) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ _OF_THE_MOTOR = ("series_resistance", "inertia", "torque_constant")
 _OF_THE_READING = {"measurement_lag", "method", "delay"}
 _LIKELY = 0.5
 _ALL, _MORE = 0.995, 1.05  # of a difference: parts that are all of it, as rounded, and more than that
+_NOTHING = 0.005  # of a difference: a part that is rounded to none
 _MANY_TIMES = 2.0  # of a difference: beyond that, the end of an interval says only that it isn't known
 
 
@@ -201,7 +202,7 @@ def share_text(share: Share) -> str:
 
 
 def _percent(part: float) -> str:
-    return f"{100 * part:.0f} %"
+    return f"{100 * part:.0f} %" if abs(part) >= _NOTHING else "0 %"
 
 
 def probability_told(probability: float) -> str:

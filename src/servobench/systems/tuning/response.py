@@ -22,6 +22,7 @@ _DRAWS = 40
 _RESOLUTION = 1e-9  # rad; finer than any encoder, for the response of the loop itself
 _LENGTHS = 12.0  # of the time that 1/gain crossover is, and of the motor's time constant
 _LEAST = 6.0  # times 1/gain crossover: a pair of poles has its overshoot after about π of these
+_SETTLED = 4.0  # time constants of the slowest pole: all but a fiftieth of its part has died out
 _MOST_TICKS = 20_000
 _MOST_DELAYED = 500  # ticks; each is a state of the loop, and the work grows with their cube
 
@@ -128,13 +129,15 @@ def check_sample_time(poles: Sequence[complex], motor: FirstOrderMotor, sample_t
 
 
 def step_response(
-    controller: Tunable, motor: FirstOrderMotor, sample_time: float, crossover: float
+    controller: Tunable, motor: FirstOrderMotor, sample_time: float, crossover: float, slowest: float
 ) -> tuple[dict[str, LoopValue], float]:
     """Return overshoot [1] and rise time [s] with their 95 % intervals, and the peak voltage for a unit of the step [V].
 
-    `crossover` [rad/s] is the loop's, which says how long to look.
+    The loop's `crossover` [rad/s] and the real part of its `slowest` pole [1/s] say how long to look. A rise time is NaN where
+    the response takes longer than what is worked out.
     """
-    ticks = ticks_of(motor, sample_time, crossover)
+    settled = math.ceil(min(_SETTLED / abs(slowest) / sample_time, _MOST_TICKS)) if slowest else _MOST_TICKS
+    ticks = max(ticks_of(motor, sample_time, crossover), settled)
     centre = (motor.gain.value, motor.time_constant.value, motor.delay)
     motors = [centre, *map(tuple, motor.draws(_DRAWS).tolist())]
     found = [unit_step(controller, k, tau, d, sample_time, ticks) for k, tau, d in motors]

@@ -113,7 +113,10 @@ def tune(motor: FirstOrderMotor, method: str, wish: Wish) -> TuningResult:
         poles = _poles(finder, controller, motor, wish)
         problem = _too_fast(controller, motor, wish, margins) or _off(controller, wish, poles)
     if not problem:
-        response, peak = step_response(controller, motor, wish.sample_time, margins["gain_crossover"].value)
+        slowest = max(pole.obtained.real for pole in poles)
+        response, peak = step_response(
+            controller, motor, wish.sample_time, margins["gain_crossover"].value, slowest
+        )
         problem = _too_high(controller, wish, peak)
     if problem:
         raise UsageError(f"{finder.speed_text(wish)}: {problem}{_nearest(finder, motor, wish)}")
@@ -271,6 +274,7 @@ def _findings(
                 "The motor's result is doubtful, and so are these gains; see its findings first.",
             )
         )
+    found += [warning("motor-not-known", caution) for caution in motor.cautions]
     low = margins["phase_margin"].interval[0]
     if low < GOOD_PHASE:
         found.append(

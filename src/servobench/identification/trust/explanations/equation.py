@@ -187,17 +187,15 @@ def filter_time(y: Array, step: float, order: int, lags: int = 3) -> float:
 
 def filter_bilinear(x: Array, step: float, time: float, order: int, lags: int = 3) -> Array:
     """Return s^order/(T s + 1)ⁿ x (N,) by the bilinear rule, from rest; n is the number of lags, `step` and T in seconds."""
-    from scipy.signal import lfilter
+    from servobench.identification.trust.explanations import kernels
 
     c = 2.0 * time / step
     # (T s + 1) with s = 2/h (1 - z⁻¹)/(1 + z⁻¹): ((1 + c) + (1 - c) z⁻¹)/(1 + z⁻¹)
-    out = x
+    out = np.ascontiguousarray(x, dtype=np.float64)
     for n in range(lags):
-        if n < order:
-            out = lfilter([2.0 / step, -2.0 / step], [1 + c, 1 - c], out)
-        else:
-            out = lfilter([1.0, 1.0], [1 + c, 1 - c], out)
-    return np.asarray(out, dtype=np.float64)
+        now, before = (2.0 / step, -2.0 / step) if n < order else (1.0, 1.0)
+        out = kernels.lag(out, now / (1 + c), before / (1 + c), (c - 1) / (1 + c))
+    return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

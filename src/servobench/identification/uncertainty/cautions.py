@@ -1,0 +1,83 @@
+"""What whoever goes on with a result's numbers has to know: which of them the data don't determine, and where they hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from servobench.core.estimate import Estimate
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import rounded_interval
+from servobench.identification.uncertainty.identifiability import State
+
+_WHERE = "gain-local"  # the finding that says at which operating point a gain holds
+_CHOICE = "What stands for {it} is one choice of many that suit the data."
+
+
+def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return sentences on the parameters that a result doesn't know by themselves, and on the range in which its gain holds.
+
+    `document` is the result as plain data of the schema `servobench.result/2`. A delay has none: models, margins and constants
+    allow for all of its interval. One of an older schema, which has no states, has none either.
+    """
+    parameters = document.get("parameters") or {}
+    open_ones = [
+        name
+        for name, each in parameters.items()
+        if name != "delay" and each.get("state", State.KNOWN) != State.KNOWN
+    ]
+    sentences = list(_open(open_ones, parameters, document.get("combinations") or {}))
+    if sentences:
+        sentences.append(_CHOICE.format(it="it" if len(open_ones) == 1 else "them"))
+    found = [each["sentence"] for each in document.get("findings", []) if each.get("code") == _WHERE]
+    return (*sentences, *found)
+
+
+def _open(
+    names: Sequence[str], parameters: Mapping[str, Any], combinations: Mapping[str, Any]
+) -> Iterator[str]:
+    """A sentence for each combination that parameters are known in, each bound, and those that aren't known at all."""
+    words = {name: f"the {parameter_in_words(name, parameters[name]['unit'])}" for name in names}
+    unknown = []
+    together: dict[str, list[str]] = {}
+    for name in names:
+        plain = parameters[name]
+        if plain["state"] == State.COMBINATION and plain.get("combination") in combinations:
+            together.setdefault(plain["combination"], []).append(words[name])
+        elif plain["state"] == State.BOUNDED:
+            upper = _estimate(plain)
+            yield _sentence(f"{words[name]} isn't known, only that it is at most {upper.high} {upper.unit}")
+        else:
+            unknown.append(words[name])
+    for key, those in together.items():
+        whole = combinations[key]
+        estimate = Estimate(
+            value=whole["value"],
+            sd=whole["sd"],
+            interval=tuple(whole["interval"]),
+            level=whole["level"],
+            unit=whole["unit"],
+        )
+        yield _sentence(
+            f"{_list_text(those)} {_are(those)} not known alone, only in the combination '{whole['meaning']}': {estimate}"
+        )
+    if unknown:
+        yield _sentence(f"{_list_text(unknown)} {_are(unknown)} not known")
+
+
+def _estimate(plain: Mapping[str, Any]) -> Any:
+    low, high = (math.nan if end is None else end for end in plain["interval"])
+    return rounded_interval(plain["value"], (low, high), plain["unit"])
+
+
+def _list_text(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _are(words: Sequence[str]) -> str:
+    return "are" if len(words) > 1 else "is"
+
+
+def _sentence(clause: str) -> str:
+    return clause[0].upper() + clause[1:].rstrip() + "."
