@@ -314,3 +314,14 @@ def test_a_command_beyond_full_scale_is_found_in_a_ramp(servobench: Command, rea
     assert limit is not None
     # Full scale is 65,535 counts; friction in the lowest part of the ramp moves what is found by a tenth.
     assert float(limit[1]) == pytest.approx(65535, rel=0.15)
+
+
+def test_a_staircase_that_visibly_drives_the_motor_is_not_called_chance(
+    servobench: Command, real_data: RealData
+) -> None:
+    """Four fifths of the output follow it; the first two levels, by themselves, tell little."""
+    columns = ("--time", "column_1:s", "--input", "column_2:V", "--output", "column_3:rad/s")
+
+    ended = servobench("identify", real_data("hydraulic_valve_motor/MotorRotation.csv"), *columns, "--json")
+
+    assert "fit-by-chance" not in {each["code"] for each in ended.result["findings"]}

@@ -250,6 +250,21 @@ def test_romi_has_the_published_kv_and_ka_from_the_speeds_of_four_tests(
     assert "kV" in out.read_text(encoding="utf-8")
 
 
+def test_a_step_that_moves_a_robot_at_once_has_no_delay_of_seconds(
+    servobench: Command, real_data: RealData
+) -> None:
+    """It rests before the test, as SysId asks for, and has turned by a twentieth 0.1 s after the step of 7 V."""
+    path = real_data("romi_sysid/romi_sysid_data20221106-172256.json")
+    columns = ("--input", "left_voltage", "--output", "left_position")
+
+    ended = servobench("identify", path, "--recording", "fast-forward", *columns, "--json")
+
+    delay = ended.result["parameters"]["delay"]
+    assert delay["state"] == "bounded"
+    assert delay["interval"][1] < 0.2
+    assert ended.result["parameters"]["gain"]["value"] > 0
+
+
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_romi_has_the_published_ks_or_says_why_its_tests_speak_against_it(
     side: str, servobench: Command, real_data: RealData

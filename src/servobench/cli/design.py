@@ -139,6 +139,7 @@ def _show(console: Console, made: Design, motor: AssumedMotor) -> None:
     from rich.text import Text
 
     from servobench.cli.layout import show_wrapped
+    from servobench.cli.option_names import with_options
     from servobench.cli.terminal import say
 
     say(
@@ -155,7 +156,7 @@ def _show(console: Console, made: Design, motor: AssumedMotor) -> None:
     say(console, f"limited by: {' and '.join(made.active)}")
     say(console, "assumed:")
     for sentence in made.assumptions:
-        show_wrapped(console, Text("  - "), sentence, hanging=4)
+        show_wrapped(console, Text("  - "), with_options(sentence), hanging=4)
 
 
 def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> None:

@@ -181,7 +181,6 @@ def _show(console: Console, found: Honesty) -> None:
     from servobench.cli.layout import show_table
     from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import say
-    from servobench.core.parameter_names import parameter_in_words
     from servobench.core.rounding import plain, round_value
 
     say(console, f"{len(found.runs)} runs, structure {found.structure}\n")
@@ -191,9 +190,7 @@ def _show(console: Console, found: Honesty) -> None:
         mean = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
         ends = f"{plain(each.ratio_interval[0], 2)} to {plain(each.ratio_interval[1], 2)}"
         cells = (mean.value, mean.half, mean.unit, plain(each.ratio, 2), ends)
-        rows.append(
-            (parameter_in_words(each.name, each.unit), *cells, f"{each.covered} of {len(found.runs)}")
-        )
+        rows.append((each.label, *cells, f"{each.covered} of {len(found.runs)}"))
     show_table(console, headings, rows, right=headings[1:3])
     console.print()
     for each in found.parameters:
@@ -210,7 +207,6 @@ def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
     from statistics import median
 
     from servobench.cli.layout import show_table
-    from servobench.core.parameter_names import parameter_in_words
     from servobench.core.rounding import plain
 
     halves = [TWO_SIDED * sd for sd in each.sds]
@@ -225,7 +221,7 @@ def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
     high = min(max(line[3] for line in lines), each.mean + reach)
     rows = [(_short(name), _picture(*ends, low=low, high=high)) for name, *ends in lines]
     scale = f"{plain(low, 6)} to {plain(high, 6)} {each.unit}".replace("−", "-")
-    show_table(console, (parameter_in_words(each.name, each.unit), scale), rows)
+    show_table(console, (each.label, scale), rows)
     console.print()
 
 

@@ -316,9 +316,10 @@ def _over_intervals(out: Console, fit: Fit, kp: float, sample_time: float | None
 
 
 def _say(out: Console, heading: str, sentences: Sequence[str]) -> None:
+    from servobench.cli.option_names import with_options
     from servobench.cli.terminal import printable
 
     out.print(printable(heading))
     for sentence in sentences:
-        out.print(printable(f"- {sentence}"))
+        out.print(printable(f"- {with_options(sentence)}"))
     out.print()

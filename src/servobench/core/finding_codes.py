@@ -271,6 +271,7 @@ _TABLE = (
     FindingCode("parameter-at-bound", "A parameter ended at the edge of what is possible.",
         "Check units and structure.", Role.SYMPTOM),
     FindingCode("parameter-unknown", "The record doesn't determine a parameter.", "The sentence says what would.", Role.SYMPTOM),
+    FindingCode("parameters-left-out", "Runs can't be compared in what they don't determine.", "Record what determines it."),
     FindingCode("part-of-a-period", "The experiment ends within a period of its signal."),
     FindingCode("payload-odd", "Log records of an odd length are left out."),
     FindingCode("pole-cancelled", "The controller cancels a pole of the motor."),

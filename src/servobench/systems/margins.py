@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -181,10 +182,15 @@ def _phase_crossovers_behind_delay(
             break
         for turn in range(int(min(whole[n], whole[n + 1])) + 1, int(max(whole[n], whole[n + 1])) + 1):
             level = _TURN * turn - math.pi
-            at = crossing(lambda x, level=level: phase(x) - level, omega[n], omega[n + 1])
+            at = crossing(partial(_above, phase, level), omega[n], omega[n + 1])
             found.append(at)
             best = min(best, apart(_factor(loop, at)))
     return found
+
+
+def _above(phase: Phase, level: float, omega: float) -> float:
+    """By how much the phase at a frequency is above a level [rad]."""
+    return phase(omega) - level
 
 
 def _nearest_to_one(loop: TransferFunction, low: float, high: float) -> float:

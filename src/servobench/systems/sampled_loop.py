@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 from itertools import pairwise
 
 import numpy as np
@@ -462,6 +462,10 @@ def _nearest_to_one(levels: range, first: bool) -> Iterable[int]:
     return levels[:1] if first else levels[-1:]
 
 
+def _turns_above(course: _Course, level: int, alpha: float) -> float:
+    return course.turns(alpha) - level
+
+
 def _between(
     course: _Course, crossovers: list[float], chosen: Callable[[range, bool], Iterable[int]]
 ) -> Iterator[tuple[float, float]]:
@@ -479,5 +483,5 @@ def _between(
         if len(levels) > 1 and not apart(course.factor(start)) < apart(course.factor(end)):
             rises = not rises
         for level in chosen(levels, rises):
-            at = crossing(lambda alpha, level=level: course.turns(alpha) - level, start, end)
+            at = crossing(partial(_turns_above, course, level), start, end)
             yield course.factor(at), at

@@ -278,3 +278,32 @@ def test_the_four_tests_of_a_real_procedure_are_no_repetitions(real_data: Callab
 
     with pytest.raises(UsageError, match="aren't runs of one experiment"):
         honest(data)
+
+
+def steps(count: int) -> list[Dataset]:
+    """Return runs of one level from rest: gain and friction are known as the speed there only."""
+    u = np.append(np.zeros(50), np.full(450, 3.0))
+    return [
+        replace(dataset(seed=seed, samples=len(u), u=u, torque_noise=1e-6), name=f"step {seed}")
+        for seed in range(count)
+    ]
+
+
+def test_what_the_runs_do_not_know_is_not_compared_but_what_they_know_together_is() -> None:
+    found = honest(steps(4))
+
+    names = {each.name for each in found.parameters}
+    assert "speed_at_level" in names
+    assert not names & {"gain", "coulomb_voltage"}
+    assert found["speed_at_level"].label == "speed at 3 V"
+    left_out = next(each for each in found.findings if each.code == "parameters-left-out")
+    assert set(left_out.parameters) >= {"gain", "coulomb_voltage"}
+    motor = Truth()
+    # Where the torque of the current is that of friction: k (u - k ω)/R = b ω + T_c.
+    k, r = motor.motor_constant, motor.resistance
+    speed = (k * 3.0 / r - motor.coulomb_torque) / (k**2 / r + motor.viscous_friction)
+    low, high = found["speed_at_level"].interval
+    assert low < speed < high
+    assert (
+        json.loads(json.dumps(found.to_dict()))["parameters"]["speed_at_level"]["meaning"] == "speed at 3 V"
+    )

@@ -1,5 +1,7 @@
 """When an output first responds: the delay is no longer than that, so what only flickers has not moved."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,3 +23,19 @@ def test_a_shaft_that_creeps_by_a_few_counts_has_not_begun_to_move(counts: int, 
         assert found.cause == pytest.approx(0.5)
         # Three counts are clear of the rounding; at 200 counts in 0.1 s that is within two samples of the begin.
         assert 0.6 <= found.effect <= 0.6 + 3 * 0.002
+
+
+def test_an_input_that_is_on_from_the_first_row_of_a_shaft_at_rest_is_a_change() -> None:
+    """A slow sensor that sees the motion at its second sample: no delay of seconds, whatever fits best."""
+    u = np.full(len(T), 3.0)
+    y = QUANTUM * np.floor(2000 * np.clip(T - 0.05, 0.0, None))
+    record = replace(dataset(seed=1, samples=len(T), u=u, y=y), input_before=0.0)
+
+    stated = first_motion(replace(record, starts_at_rest=True))
+
+    assert stated is not None
+    assert stated.cause == 0.0
+    # Four counts at 2000 counts/s.
+    assert 0.05 <= stated.effect <= 0.05 + 4 * 0.002
+    assert first_motion(replace(record, starts_at_rest=False)) is None
+    assert first_motion(replace(record, starts_at_rest=True, input_before=3.0)) is None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -15,10 +15,11 @@ from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import round_value
-from servobench.identification.estimators.base import Fit
 from servobench.identification.honest.causes import Cause, Trend, causes, follows_the_angle, trends, warming
 from servobench.identification.honest.scatter import Scatter, scatter
 from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.identification.uncertainty.identifiability import State
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.reading import ReadingOptions, datasets_in
 
@@ -49,9 +50,7 @@ class Honesty:
         lines = [f"{len(self.runs)} runs, {self.structure}"]
         for each in self.parameters:
             over = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
-            lines.append(
-                f"{parameter_in_words(each.name, each.unit):16} {over}, {each.covered} of {len(self.runs)} intervals cover"
-            )
+            lines.append(f"{each.label:16} {over}, {each.covered} of {len(self.runs)} intervals cover")
         return "\n".join([*lines, *(f"- {finding.sentence}" for finding in self.findings)])
 
     __repr__ = __str__
@@ -141,16 +140,17 @@ def _compare_runs(
             f"{len(data)} run, and a comparison needs at least two: give more recordings of the motor"
         )
     _check_repeated(data)
-    fits = _fits(data, structure, estimator)
-    used = [n for n, fit in enumerate(fits) if fit is not None]
-    known = [fit for fit in fits if fit is not None]
+    results = _results(data, structure, estimator)
+    used = [n for n, result in enumerate(results) if result.fit is not None]
+    known = [result.fit for result in results if result.fit is not None]
     if len(known) < 2:
         raise NotIdentifiable(
             f"{len(known)} of {len(data)} runs support a model, and a comparison needs at least two: record more "
             "runs, or name a structure (`structure=...`)"
         )
-    found = _scatters(known)
-    different = [each.name for each in found if each.differs]
+    compared = [results[n] for n in used]
+    found = _scatters(compared)
+    different = [each.name for each in found if each.differs and each.name in known[0].model.names]
     apart = {
         "the number of the run": [float(n) for n in used],
         "the size of the input": [float(np.abs(data[n].u).max()) for n in used],
@@ -162,13 +162,14 @@ def _compare_runs(
     follows = trends(different, known, apart) + follows_the_angle(different, known)
     return Honesty(
         runs=tuple(data[n].name for n in used),
-        left_out=tuple(record.name for record, fit in zip(data, fits, strict=True) if fit is None),
+        left_out=tuple(record.name for n, record in enumerate(data) if n not in used),
         structure=known[0].structure,
         parameters=found,
         causes=why,
         trends=follows,
         findings=(
             *_without_model([record.name for n, record in enumerate(data) if n not in used]),
+            *_without_value(compared),
             *_findings(found, why, follows, [data[n] for n in used]),
         ),
     )
@@ -198,36 +199,75 @@ def _shape(data: Dataset) -> Array:
     return np.array([u.min(), u.max(), np.abs(u).mean()])
 
 
-def _fits(data: Sequence[Dataset], structure: str, estimator: str) -> list[Fit | None]:
-    """Each run fitted by itself, all with one structure."""
-    fits = [identify(record, structure, estimator).fit for record in data]
-    names = Counter(fit.structure for fit in fits if fit is not None)
+def _results(data: Sequence[Dataset], structure: str, estimator: str) -> list[Result]:
+    """Each run identified by itself, all with one structure."""
+    results = [identify(record, structure, estimator) for record in data]
+    names = Counter(result.fit.structure for result in results if result.fit is not None)
     if len(names) < 2:
-        return fits
+        return results
     common = names.most_common(1)[0][0]
     return [
-        fit if fit is not None and fit.structure == common else identify(record, common, estimator).fit
-        for record, fit in zip(data, fits, strict=True)
+        result
+        if result.fit is not None and result.fit.structure == common
+        else identify(record, common, estimator)
+        for record, result in zip(data, results, strict=True)
     ]
 
 
-def _scatters(fits: Sequence[Fit]) -> tuple[Scatter, ...]:
-    """The scatter of each parameter that every run determines; the chance of a false alarm is shared among them."""
-    names = [
-        name
-        for name in fits[0].model.names
-        if all(np.isfinite(fit[name].sd) and fit[name].sd > 0 for fit in fits)
-    ]
-    return tuple(
-        scatter(
-            name,
-            fits[0][name].unit,
-            [fit[name].value for fit in fits],
-            [fit[name].sd for fit in fits],
-            _CHANCE / len(names),
+def _scatters(results: Sequence[Result]) -> tuple[Scatter, ...]:
+    """The scatter of each parameter, and of each combination, that every run knows.
+
+    The chance of a false alarm is shared among them. Raises `NotIdentifiable` where there is nothing that all runs know.
+    """
+    unknown = _unknown(results)
+    seen = {name: [result[name] for result in results] for name in results[0].answers if name not in unknown}
+    every = [{each.name: each for each in result.combinations} for result in results]
+    # A speed belongs to its level: those of different levels aren't the same thing.
+    common = {
+        name: first.meaning
+        for name, first in every[0].items()
+        if all(name in each and each[name].meaning == first.meaning for each in every)
+    }
+    seen |= {name: [each[name].estimate for each in every] for name in common}
+    known = {
+        name: estimates for name, estimates in seen.items() if all(0 < each.sd < np.inf for each in estimates)
+    }
+    if not known:
+        raise NotIdentifiable(
+            "the runs don't determine any parameter, so there is nothing to compare: `servobench identify` says of each what "
+            "would tell it"
         )
-        for name in names
+    return tuple(
+        replace(
+            scatter(
+                name,
+                estimates[0].unit,
+                [each.value for each in estimates],
+                [each.sd for each in estimates],
+                _CHANCE / len(known),
+            ),
+            meaning=common.get(name, ""),
+        )
+        for name, estimates in known.items()
     )
+
+
+def _unknown(results: Sequence[Result]) -> list[str]:
+    """The parameters that one of the runs doesn't know by itself: what stands for them there isn't theirs."""
+    return [
+        name
+        for name in results[0].answers
+        if any(result.answers[name].state is not State.KNOWN for result in results)
+    ]
+
+
+def _without_value(results: Sequence[Result]) -> list[Finding]:
+    names = _unknown(results)
+    if not names:
+        return []
+    words = ", ".join(parameter_in_words(name, results[0][name].unit) for name in names)
+    sentence = f"Not compared, as not every run determines it by itself: {words}."
+    return [info("parameters-left-out", sentence, parameters=tuple(names))]
 
 
 def _findings(
@@ -300,7 +340,7 @@ def _about(each: Scatter, runs: int) -> Finding:
     narrow = 0.5 * (each.stated[1] - each.stated[0])
     return warning(
         "runs-differ",
-        f"The {parameter_in_words(each.name, each.unit)} differs from run to run by {plain(each.ratio, 2)} times what each run's "
+        f"The {each.label} differs from run to run by {plain(each.ratio, 2)} times what each run's "
         f"interval predicts ({each.covered} of {runs} intervals cover the mean of the others). Over all runs it is "
         f"{round_value(each.mean, half, each.unit)}, an interval {plain(half / narrow, 2)} times as wide as stated.",
         parameters=(each.name,),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import TWO_SIDED
 
 _STEPS = 200
@@ -17,6 +18,8 @@ _STEPS = 200
 @dataclass(frozen=True, kw_only=True)
 class Scatter:
     """One parameter, by `name` and in its `unit`, in n runs: `values` and stated `sds`, and what they say together.
+
+    Of a combination of parameters `meaning` says what it is, in words.
 
     `q` is Cochran's Σ (yᵢ - ȳ)²/sᵢ², χ² with n - 1 degrees of freedom if the runs differ by no more than they say, with `p` the
     probability of more. `ratio` is the observed scatter over the stated one (Birge 1932), `ratio_interval` its 95 %
@@ -40,11 +43,18 @@ class Scatter:
     mean: float
     interval: tuple[float, float]
     stated: tuple[float, float]
+    meaning: str = ""
+
+    @property
+    def label(self) -> str:
+        """Its name for people."""
+        return self.meaning or parameter_in_words(self.name, self.unit)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the same as plain data."""
         return {
             "unit": self.unit,
+            "meaning": self.meaning,
             "values": list(self.values),
             "sds": list(self.sds),
             "q": self.q,

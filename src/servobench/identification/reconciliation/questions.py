@@ -17,7 +17,13 @@ from servobench.identification.models.nominal import nominal_values
 from servobench.identification.reconciliation.base import Name, Question
 from servobench.identification.reconciliation.claim import Claim, last_digit_half_width
 from servobench.identification.reconciliation.reenactment import lags_of_fit, read_lags, reenact
-from servobench.identification.uncertainty.identifiability import State, combinations, parameter_statuses
+from servobench.identification.uncertainty.identifiability import (
+    Combination,
+    ParameterStatus,
+    State,
+    combinations,
+    parameter_statuses,
+)
 from servobench.identification.uncertainty.status_text import in_words
 from servobench.rig.motor.parameters import MotorParameters
 
@@ -151,20 +157,22 @@ def _check(fit: Fit, names: Sequence[Name]) -> None:
             )
     for name in names:
         if name != "delay" and not is_known(fit[name]):
-            raise NotIdentifiable(f"there is nothing to compare with: {unknown_clause(fit, name)}")
+            clause = unknown_clause(parameter_statuses(fit)[name], combinations(fit))
+            raise NotIdentifiable(f"there is nothing to compare with: {clause}")
 
 
-def unknown_clause(fit: Fit, name: str) -> str:
-    """Return what the data say of a parameter that they don't determine, and what would tell it, as a clause."""
-    status = parameter_statuses(fit)[name]
-    words = parameter_in_words(name, fit[name].unit)
-    what = f"the data don't determine the {words}"
-    if status.state is State.BOUNDED:
-        what += f", only that it is {in_words(status)}"
-    elif status.state is State.COMBINATION:
-        whole = next(each for each in combinations(fit) if each.name == status.combination)
+def unknown_clause(answer: ParameterStatus, together: Sequence[Combination]) -> str:
+    """Return what the data say of a parameter that they don't determine, and what would tell it, as a clause.
+
+    `answer` is theirs for the parameter, `together` are the combinations that they know.
+    """
+    what = f"the data don't determine the {parameter_in_words(answer.name, answer.estimate.unit)}"
+    whole = next((each for each in together if each.name == answer.combination), None)
+    if answer.state is State.BOUNDED:
+        what += f", only that it is {in_words(answer)}"
+    elif whole is not None:
         what += f" alone, only that {whole.meaning} is {whole.estimate}"
-    return f"{what}; what would tell it: {status.remedy or 'more steps'}"
+    return f"{what}; what would tell it: {answer.remedy or 'more steps'}"
 
 
 def _check_units(fit: Fit) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.arguments import check_type
-from servobench.core.errors import UsageError
+from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, Verdict, info, lower_first, warning
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit
@@ -72,9 +72,12 @@ def explain(
         )  # fmt: skip
     if not told:
         return _explain(about_sheet(result.fit, _require_parameters(motor)), result)
-    known = tuple(claim for claim in told if _is_told(claim, result.fit)) or told
+    known = tuple(claim for claim in told if _is_told(claim, result.fit))
+    unknown = {claim: _why_unknown(claim, result) for claim in told if claim not in known}
+    if not known:
+        raise NotIdentifiable(f"there is nothing to compare with: {'; '.join(unknown.values())}")
     found = _explain(about_claims(result.fit, known, motor=motor, method=method), result)
-    rest = [_about_unknown(claim, result.fit) for claim in told if claim not in known]
+    rest = [f"Nothing is said of {claim.text}: {why}." for claim, why in unknown.items()]
     return replace(found, sentences=(*rest, *_about_signs(known, result.fit), *found.sentences))
 
 
@@ -83,9 +86,8 @@ def _is_told(claim: Claim, fit: Fit) -> bool:
     return claim.name not in fit.model.names or is_known(fit[claim.name])
 
 
-def _about_unknown(claim: Claim, fit: Fit) -> str:
-    """A sentence on a claim of what the data leave open."""
-    return f"Nothing is said of {claim.text}: {unknown_clause(fit, claim.name)}."
+def _why_unknown(claim: Claim, result: Result) -> str:
+    return unknown_clause(result.answers[claim.name], result.combinations)
 
 
 def _about_signs(claims: Sequence[Claim], fit: Fit) -> tuple[str, ...]:

@@ -6,7 +6,8 @@ at least a delay after the first change of the input, whatever the model. So
     delay <= t(first motion) - t(first change of the input) + one sample time
 
 where the sample time allows for columns that were latched one after the other. A ramp from rest changes at the first sample,
-but the shaft moves much later, when the ramp has overcome friction: then the bound is too wide to be useful.
+but the shaft moves much later, when the ramp has overcome friction: then the bound is too wide to be useful. If it is stated
+that the shaft rested before its first sample, an input that is on from there is a change, too.
 """
 
 from __future__ import annotations
@@ -60,6 +61,16 @@ class Record(Protocol):
         """The smallest step of the output where it is known."""
         ...
 
+    @property
+    def input_before(self) -> float:
+        """The input before its first sample."""
+        ...
+
+    @property
+    def starts_at_rest(self) -> bool:
+        """Whether it is stated that the shaft rests at the first sample."""
+        ...
+
 
 @dataclass(frozen=True, kw_only=True)
 class FirstMotion:
@@ -75,13 +86,16 @@ class FirstMotion:
 
 
 def first_motion(data: Record) -> FirstMotion | None:
-    """Return how a record begins; None where its input changes at once, or its output doesn't stand until then."""
-    changes = np.flatnonzero(data.u != data.u[0])
-    if not len(changes):
+    """Return how a record begins; None where its input changes at once, or its output doesn't stand until then.
+
+    A shaft that is stated to rest at the first sample needn't be seen to stand.
+    """
+    cause = _first_change(data)
+    if cause is None:
         return None
-    cause = float(data.t_input[changes[0]])
-    samples = int(np.count_nonzero(data.t_output <= cause))
-    if samples < 2:
+    at_rest = data.starts_at_rest and cause <= data.t_output[0]
+    samples = 1 if at_rest else int(np.count_nonzero(data.t_output <= cause))
+    if samples < (1 if at_rest else 2):
         return None
     within = noise_of(data)
     middle = float(np.median(data.y[:samples]))
@@ -91,8 +105,8 @@ def first_motion(data: Record) -> FirstMotion | None:
         or np.ptp(data.y) <= _CLEAR * within
     ):
         return None
-    # As it may run on so slowly that it goes unseen, what it would do then is no answer.
-    lasted = float(data.t_output[samples - 1] - data.t_output[0])
+    # As a shaft that is only seen to stand may run on so slowly that it goes unseen, what it would do then is no answer.
+    lasted = np.inf if at_rest else float(data.t_output[samples - 1] - data.t_output[0])
     unseen = within * (2.0 + (data.t_output - data.t_output[samples - 1]) / lasted)
     away = np.abs(data.y - middle) > unseen
     away[:samples] = False
@@ -101,6 +115,14 @@ def first_motion(data: Record) -> FirstMotion | None:
     if not len(moved):
         return None
     return FirstMotion(cause=cause, effect=float(data.t_output[moved[0]]), samples=samples, within=within)
+
+
+def _first_change(data: Record) -> float | None:
+    """The time of the first change of the input [s]; None where it stays what it is."""
+    if data.starts_at_rest and data.u[0] != data.input_before:
+        return float(data.t_input[0])
+    changes = np.flatnonzero(data.u != data.u[0])
+    return float(data.t_input[changes[0]]) if len(changes) else None
 
 
 def noise_of(data: Record) -> float:

@@ -20,7 +20,7 @@ _CHANGE = 0.05  # of the input's range: less, such as a sagging supply or a ramp
 _LEVELS = 8  # held one after another: with fewer there are too few orders to put them in
 _ORDERS = 19  # other orders of the levels: the recorded one is the best of 20 by chance in 5 % of the cases
 _AS_GOOD = 2  # of these orders
-_SAMPLES = 2000  # from the beginning of each record
+_SAMPLES = 20_000  # from the beginning of each record; fewer may hold levels that tell little of a slow motor
 _LAGS = 8  # time constants that are tried, from one sample to the whole record
 
 

@@ -20,7 +20,10 @@ def play(u: Array, width: float) -> Array:
 
 @compiled
 def lag(x: Array, now: float, before: float, left: float) -> Array:
-    """Return y (N,) from rest, y_k = now x_k + before x_{k-1} + left y_{k-1}: a lag, or the derivative behind one."""
+    """Return y (N,) from rest, y_k = now x_k + before x_{k-1} + left y_{k-1}: a lag, or the derivative behind one.
+
+    The direct form of a first-order section (Oppenheim and Schafer 2010, section 6.3).
+    """
     out = np.empty(len(x))
     x1 = y1 = 0.0
     for k in range(len(x)):
