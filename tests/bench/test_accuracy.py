@@ -8,6 +8,7 @@ import accuracy  # type: ignore[import-not-found]
 import pytest
 from accuracy_parts import page, storage, work  # type: ignore[import-not-found]
 from accuracy_parts.rows import rows  # type: ignore[import-not-found]
+from accuracy_parts.runs import one_run  # type: ignore[import-not-found]
 from accuracy_parts.summary import Share, summarised  # type: ignore[import-not-found]
 
 ENCODER = rows()[0]
@@ -121,6 +122,18 @@ def test_the_page_shows_what_is_kept_and_marks_what_is_trusted_and_wrong(tmp_pat
     ]  # every row has as many cells as its heading: 8 in one table, 11 in the other
     (row,) = json.loads((tmp_path / "accuracy.json").read_text(encoding="utf-8"))["rows"]
     assert row["trusted_and_wrong"] == {"count": 1, "of": 2}
+
+
+@pytest.mark.parametrize("encoder", ["motor", "load"])
+def test_play_of_six_degrees_is_not_taken_for_friction_that_is_known(encoder: str) -> None:
+    """Under a square of one magnitude a reversal alone tells gain and friction apart, and that is where the play acts."""
+    row = next(row for row in rows() if row.name == f"backlash_{encoder}_0.1_square")
+
+    for number in range(4):
+        kept = one_run(row, number)
+        value, sd, *_ = kept["estimates"]["gain"]
+        assert kept["verdict"] == "trusted"
+        assert abs(value - kept["truth"]["gain"][0]) < 3 * sd
 
 
 def test_rows_are_chosen_by_name_or_by_how_they_begin() -> None:

@@ -55,6 +55,7 @@ _JUMP_SAMPLES = 2  # a measured voltage may take two samples for a jump
 _NOTHING = 1e-9  # of the whole information: what is less is rounding error
 _ALONG = 1e-6  # of a direction's length: what lies along another by less is rounding error
 _BARE = 0.2  # of p/N: what each sample adds to the clock
+_BY_SHAPE = 0.5  # of the friction: the standard deviation of what a reversal's shape tells of it, where the model is wrong
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
 
 
@@ -362,6 +363,32 @@ def _of_friction(fit: Fit) -> Array:
     return np.diag(np.square(times))
 
 
+def _of_reversals(fit: Fit) -> Array:
+    """The covariance (P, P) of gain and friction where only the shape of a reversal tells them apart.
+
+    Under inputs of one magnitude, to and fro, every pair with the same K (u - u_c) leads to the same speed. How a model is wrong
+    near a reversal, by play or a compliant shaft, isn't seen in the speeds, and half of the friction may come from there.
+    """
+    names, theta = fit.model.names, fit.model.theta
+    split = np.zeros(len(names))
+    level = _one_magnitude(fit)
+    if "coulomb_voltage" in names and level:
+        friction, gain = names.index("coulomb_voltage"), names.index("gain")
+        split[friction] = _BY_SHAPE * theta[friction]
+        split[gain] = theta[gain] * split[friction] / max(level - theta[friction], _LEVEL * level)
+    return np.outer(split, split)
+
+
+def _one_magnitude(fit: Fit) -> float:
+    """The magnitude of an input that has no other, in both directions; 0 where there is none such."""
+    u = np.concatenate([record.data.u for record in fit.records])
+    sizes_of_input, largest = np.abs(u), float(np.abs(u).max(initial=0.0))
+    one = bool((sizes_of_input >= (1.0 - _LEVEL) * largest).all()) and u.min(initial=0.0) < 0.0 < u.max(
+        initial=0.0
+    )
+    return largest if one else 0.0
+
+
 def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
     """The covariance (P, P) by which recordings of one motor disagree at the least, as far as that counts."""
     names = fit.model.names
@@ -371,6 +398,7 @@ def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, floa
         out[at[name], at[name]] += (shares[name] * _floor(fit, name, each)) ** 2
     if known["gain"] is not ONE_LEVEL:
         out += (shares["gain"] * _floor(fit, "gain", known["gain"])) ** 2 * _of_friction(fit)
+    out += shares["gain"] ** 2 * _of_reversals(fit)
     out += (shares["lag"] * _floor(fit, "lag", known["lag"])) ** 2 * _of_short_records(fit, _lag(fit))
     if "delay" in at:
         split = np.zeros(len(names))

@@ -231,9 +231,9 @@ def _nearest(finder: Method, motor: FirstOrderMotor, wish: Wish) -> str:
 
 
 def _is_feasible(finder: Method, motor: FirstOrderMotor, wish: Wish) -> bool:
-    if _beyond_the_ticks(finder, wish):
-        return False
     try:
+        if _beyond_the_ticks(finder, wish):
+            return False
         check_sample_time(finder.poles(wish), motor, wish.sample_time)
         found = finder(motor, wish)
         nominal = nominal_margins(found, motor, wish.sample_time)
