@@ -50,7 +50,7 @@ def export(
         typer.Option(
             "--unit",
             metavar="UNIT",
-            help="The unit of position for robot code and c: rev, rad, deg, m, ft, inch; by default the file's.",
+            help="The unit of position: rev, rad, deg, m, ft, inch; by default the file's for robot code, rad for c.",
         ),
     ] = None,
     wheel_diameter: Annotated[
@@ -108,7 +108,7 @@ def export(
     from servobench.cli.terminal import messages, output, print_json, say
     from servobench.cli.written import document_of_files
     from servobench.core.errors import UsageError
-    from servobench.export.base import TARGETS, Wishes
+    from servobench.export.base import TARGETS, Wishes, check_wishes
     from servobench.export.base import export as exported
     from servobench.export.c_law import export_law, read_tuning
 
@@ -135,6 +135,7 @@ def export(
         if tuned is not None:
             files = export_law(tuned, file, wishes)
         elif answer is not None:
+            check_wishes(target, wishes)
             _show_constants(console, answer, target, wishes)
             # A target may write more files than the one that is named.
             files = exported(

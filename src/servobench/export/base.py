@@ -71,8 +71,8 @@ def export(
     for a wish that the target can't follow or a motor that it can't hold, `StorageError` where the files can't be written.
     """
     wishes = wishes or Wishes()
+    check_wishes(target, wishes)
     made = TARGETS[target]()
-    _check_wishes(target, made, wishes)
     file = Path(path)
     if file.suffix and file.suffix != made.suffix:
         raise UsageError(
@@ -101,7 +101,9 @@ def write_files(content: Mapping[str, bytes], file: Path) -> tuple[Path, ...]:
     return tuple(file.parent / name for name in content)
 
 
-def _check_wishes(name: str, target: Target, wishes: Wishes) -> None:
+def check_wishes(name: str, wishes: Wishes) -> None:
+    """Raise `UsageError` where the target of that name can't follow one of the wishes."""
+    target = TARGETS[name]
     wished = {field.name for field in fields(wishes) if getattr(wishes, field.name) is not None}
     if extra := sorted(wished - target.wishes):
         can = ", ".join(sorted(keyword(each) for each in target.wishes)) or "none"

@@ -92,8 +92,10 @@ class ResultSummary:
             raise NotIdentifiable(f"{name} is refused, so it contains no model. {_reasons(document)}")
         try:
             return cls._of(document)
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise FormatError(f"{name} is incomplete: {error!r} while reading {SCHEMA}") from None
+        except KeyError as error:
+            raise FormatError(f"{name} is incomplete: it lacks {error}, which {SCHEMA} has") from None
+        except (TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise FormatError(f"{name} is incomplete: {error} while reading {SCHEMA}") from None
 
     @classmethod
     def _of(cls, document: dict[str, Any]) -> ResultSummary:

@@ -26,6 +26,7 @@ from servobench.core.rounding import TWO_SIDED, plain, round_value, with_unit
 from servobench.recordings.measurement.dataset import Dataset
 
 _FEWEST = 20  # samples in a part whose slope is estimated
+_NOTHING = 1e-9  # of the largest output: less is how numbers are rounded
 _MOST = 6  # stretches of constant input, the longest
 _NEVER = (
     "No finite record proves that a system is stable or unstable: stability is about every bounded input over all "
@@ -151,8 +152,10 @@ def _judge(data: Dataset, start: float, end: float, level: float, slopes: Sequen
     held = f"From {plain(start, 3)} to {with_unit(end, 's', 3)} the input was {with_unit(level, data.input_unit, 3)}"
     exponent = None
     if one.is_zero and two.is_zero:
-        most = with_unit(abs(two.value) + two.half, unit, 2)
-        sentence = f"{held}, and the {data.kind} stayed where it was, to less than {most} at the end. {_at_rest(data, level)}"
+        most = abs(two.value) + two.half
+        seen = most * (end - start) > _NOTHING * float(np.abs(data.y).max())
+        within = f", to less than {with_unit(most, unit, 2)} at the end" if seen else ""
+        sentence = f"{held}, and in the second half of that the {data.kind} stayed where it was{within}. {_at_rest(data, level)}"
     elif two.is_zero:
         sentence = f"{held}, and the {data.kind} came to rest. {_at_rest(data, level)}"
     elif one.is_zero or one.value * two.value < 0:

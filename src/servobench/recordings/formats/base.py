@@ -167,7 +167,9 @@ def _in_folder(folder: Path) -> str:
     """An example of a file in a folder that was named in place of one, and what to do with several."""
     if (folder / "recording.mcap").exists():
         return f", such as {folder / 'recording.mcap'}"
-    inside = sorted(each for each in folder.iterdir() if each.is_file() and not each.name.startswith("."))
+    suffixes = {suffix for name in FORMATS.names() for suffix in FORMATS[name].suffixes}
+    files = sorted(each for each in folder.iterdir() if each.is_file() and not each.name.startswith("."))
+    inside = [each for each in files if each.suffix.lower() in suffixes] or files
     if len(inside) < 2:
         return f", such as {inside[0]}" if inside else ""
     return (
