@@ -15,9 +15,10 @@ from typing import TypeAlias
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.finding import Finding, Severity
+from servobench.core.finding import Finding, Severity, lower_first
 from servobench.core.finding_codes import Role, codes_of
 from servobench.core.registry import Registry
+from servobench.core.rounding import plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import (
@@ -105,6 +106,14 @@ def is_cause(finding: Finding) -> bool:
     return finding.severity != Severity.INFO and finding.code in _CAUSES | _EXPLAINED
 
 
+def _as_a_remark(cause: Finding, simulated: float) -> Finding:
+    """The finding on a cause of the little that a model leaves over, which explains `simulated` percent of the output."""
+    left = f"The model leaves {plain(100 - simulated, 2)} % of the output unexplained, which the intervals allow for"
+    return replace(
+        cause, severity=Severity.INFO, sentence=f"{left}. The likeliest cause: {lower_first(cause.sentence)}"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Causes:
     """The possible causes of bad fits. Each is looked for and fitted once, however often it is requested.
@@ -124,7 +133,7 @@ class Causes:
         if best is None:
             return []
         has_a_size = best.structural and simulated >= _EXPLAINED_ALREADY
-        return [replace(best.finding, severity=Severity.INFO) if has_a_size else best.finding]
+        return [_as_a_remark(best.finding, simulated) if has_a_size else best.finding]
 
     def are_damage(self, simulated: float = np.nan) -> bool:
         """Return whether a cause that lies in the records, and not in the motor, explains nearly all that a plain motor doesn't.
