@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.models.records import through_chain
 from tests.datasets import dataset
 
 
@@ -20,3 +23,17 @@ def test_a_motor_that_runs_away_is_infinitely_far_off() -> None:
 
     assert np.isinf(prediction.y[-1])
     assert not np.isnan(prediction.y).any()
+
+
+def test_sensitivities_beyond_all_numbers_pass_a_chain_without_a_warning() -> None:
+    """A search takes such a place for infinitely bad; a warning of NumPy's would reach whoever reads the terminal."""
+    data = dataset(seed=1, samples=100, chain="derivative")
+    count = len(data.t_output)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        passed = through_chain(
+            np.zeros(count), np.full((count, 2), np.inf), np.zeros(len(data.start_states)), data
+        )
+
+    assert not np.isfinite(passed.jacobian).all()

@@ -47,7 +47,9 @@ def through_chain(y: Array, jacobian: Array, filters: Array, data: Dataset) -> P
     """Return the prediction for a shaft y (M,) with its derivatives (M, C); `filters` (S,) are the start states of filters."""
     if is_plain(data):
         return Prediction(y=y, jacobian=jacobian, valid=np.ones(len(y), dtype=bool))
-    passed = data.chain.linear(np.column_stack([y, jacobian]), data.t_output)
+    # Far from any motor sensitivities may grow beyond all numbers: a search takes such a place for infinitely bad.
+    with np.errstate(over="ignore", invalid="ignore"):
+        passed = data.chain.linear(np.column_stack([y, jacobian]), data.t_output)
     responses = data.start_responses
     return Prediction(
         y=passed[:, 0] + responses @ filters,
