@@ -47,7 +47,7 @@ def test_gain_and_time_constant_are_those_of_the_shaft_alone() -> None:
     assert result.fit["gain"].unit == "rad/(s·A)"
     assert result.fit["coulomb_voltage"].unit == "A"
     sentence = next(f.sentence for f in result.findings if f.code == "input-is-a-current")
-    ratio = re.search(r"k/J = (\S+) ±", sentence)
+    ratio = re.search(r"k/J = (\S+)\s±", sentence)
     assert ratio is not None
     assert float(ratio[1]) == pytest.approx(K_T / J, rel=1e-3)
 
