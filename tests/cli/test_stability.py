@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Command
+from tests.export.conftest import known_together
 
 _DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")  # the minus before them stays
 
@@ -340,3 +341,14 @@ def test_a_sample_time_that_cannot_be_is_refused_before_anything_is_said(
     assert ended.out == ""
     assert "--controller-sample-time" in ended.err
     assert "expected" in ended.err
+
+
+def test_poles_of_what_the_data_leave_open_say_so(servobench: Command, tmp_path: Path) -> None:
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(known_together()), encoding="utf-8")
+
+    ended = servobench("stability", file, "--continuous", "--json")
+
+    assert "Not all of the motor is known" in ended.err
+    cautions = json.loads(ended.out)["motor"]["cautions"]
+    assert any("The time constant is not known alone" in each for each in cautions)

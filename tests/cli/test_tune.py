@@ -10,6 +10,7 @@ import pytest
 
 from servobench.rig.experiment import read_experiment
 from tests.cli.conftest import Command
+from tests.export.conftest import known_together
 
 WISH = ("--damping", "0.8", "--bandwidth", "20 rad/s")
 
@@ -105,3 +106,18 @@ def test_a_table_is_asked_for_what_identify_asks_for(
     assert "the unit of the output `angle`" in identified.err
     assert "the unit of the output `angle`" in asked.err
     assert "which channel is the input" not in asked.err
+
+
+def test_gains_for_what_the_data_leave_open_say_so(servobench: Command, tmp_path: Path) -> None:
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(known_together()), encoding="utf-8")
+    wish = ("--damping", 0.8, "--bandwidth", 20, "--controller-sample-time", "2ms")
+
+    ended = servobench("tune", file, *wish, "--json")
+
+    said = [
+        each["sentence"] for each in json.loads(ended.out)["findings"] if each["code"] == "motor-not-known"
+    ]
+    assert said[0] == "The Coulomb voltage isn't known, only that it is at most 0.41 V."
+    assert "The time constant is not known alone" in said[1]
+    assert said[-1].endswith("elsewhere the motor isn't known.")

@@ -53,6 +53,29 @@ def document(**changed: Any) -> dict[str, Any]:
     }
 
 
+def known_together() -> dict[str, Any]:
+    """Return a result that knows the time constant with the delay only, at most a friction, and the gain at one place."""
+    made = document()
+    for name in made["parameters"]:
+        made["parameters"][name]["state"] = "known"
+    made["parameters"]["time_constant"] |= {"state": "combination", "combination": "lag"}
+    made["parameters"]["coulomb_voltage"] |= {"state": "bounded", "interval": [-0.3, 0.41]}
+    made["combinations"] = {
+        "lag": {
+            "value": 0.0996,
+            "sd": 0.001,
+            "interval": [0.0976, 0.1016],
+            "level": 0.95,
+            "unit": "s",
+            "meaning": "time constant + delay",
+            "parameters": ["time_constant", "delay"],
+        }
+    }
+    local = "The input stayed at 3 V: the gain and the offset hold at this operating point; elsewhere the motor isn't known."
+    made["findings"] = [{"code": "gain-local", "severity": "info", "sentence": local}]
+    return made
+
+
 @pytest.fixture
 def answer() -> ResultSummary:
     return ResultSummary.from_document(document(), "the result")

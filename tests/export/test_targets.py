@@ -19,7 +19,7 @@ from servobench.export.base import TARGETS, Wishes, export
 from servobench.export.first_order import first_order_motor
 from servobench.export.summary import ResultSummary
 from servobench.export.tuning import tune_loops
-from tests.export.conftest import COULOMB, DELAY, GAIN, SD, TAU, document
+from tests.export.conftest import COULOMB, DELAY, GAIN, SD, TAU, document, known_together
 
 EVERYTHING = Wishes(
     unit="rad", sample_time=0.002, inertia=2.1e-5, closed_loop=0.03, counts_per_rev=2048, voltage_limit=10.0,
@@ -93,29 +93,6 @@ def test_csv_has_a_row_for_each_parameter_and_no_formula(answer: ResultSummary) 
     odd["parameters"]["delay"]["unit"] = "=HYPERLINK(1)"
     table = rendered(ResultSummary.from_document(odd, "x"), "csv").decode()
     assert not re.search(r"(^|,)[=+@-](?![0-9.])", table, re.MULTILINE)
-
-
-def known_together() -> dict[str, Any]:
-    """Return a result that knows the time constant with the delay only, at most a friction, and the gain at one place."""
-    made = document()
-    for name in made["parameters"]:
-        made["parameters"][name]["state"] = "known"
-    made["parameters"]["time_constant"] |= {"state": "combination", "combination": "lag"}
-    made["parameters"]["coulomb_voltage"] |= {"state": "bounded", "interval": [-0.3, 0.41]}
-    made["combinations"] = {
-        "lag": {
-            "value": 0.0996,
-            "sd": 0.001,
-            "interval": [0.0976, 0.1016],
-            "level": 0.95,
-            "unit": "s",
-            "meaning": "time constant + delay",
-            "parameters": ["time_constant", "delay"],
-        }
-    }
-    local = "The input stayed at 3 V: the gain and the offset hold at this operating point; elsewhere the motor isn't known."
-    made["findings"] = [{"code": "gain-local", "severity": "info", "sentence": local}]
-    return made
 
 
 @pytest.mark.parametrize("target", ["control", "matlab", "mujoco", "c", "wpilib", "java", "cpp", "python"])
