@@ -20,7 +20,8 @@ _CHANGE = 0.05  # of the input's range: less, such as a sagging supply or a ramp
 _LEVELS = 8  # held one after another: with fewer there are too few orders to put them in
 _ORDERS = 19  # other orders of the levels: the recorded one is the best of 20 by chance in 5 % of the cases
 _AS_GOOD = 2  # of these orders
-_SAMPLES = 20_000  # from the beginning of each record; fewer may hold levels that tell little of a slow motor
+# Samples from the beginning of each record: where a fit explains little, so many that slow levels are among them.
+_SAMPLES = {True: 2000, False: 20_000}
 _LAGS = 8  # time constants that are tried, from one sample to the whole record
 
 
@@ -31,17 +32,15 @@ def _about_fit(fit: Fit) -> list[Finding]:
     does it better than others do. It doesn't where the input changed unseen between samples, or drives another motor.
     """
     records = [record.data for record in fit.records]
-    if "gain" not in fit.model.names or any(_changes(data) < _LEVELS for data in records):
+    well = fit.fit_percent >= _WELL
+    inputs = [data.input_at_output[: _SAMPLES[well]] for data in records]
+    if "gain" not in fit.model.names or any(len(_switches(u)) < _LEVELS for u in inputs):
         return []
     generator = np.random.default_rng(0)
-    recorded = _misfit(records, [_input(data) for data in records])
-    if fit.fit_percent >= _WELL and recorded < _ALL * _misfit(
-        records, [0.0 * _input(data) for data in records]
-    ):
+    recorded = _misfit(records, inputs)
+    if well and recorded < _ALL * _misfit(records, [0.0 * u for u in inputs]):
         return []
-    others = [
-        _misfit(records, [_reorder(_input(data), generator) for data in records]) for _ in range(_ORDERS)
-    ]
+    others = [_misfit(records, [_reorder(u, generator) for u in inputs]) for _ in range(_ORDERS)]
     as_good = sum(other <= recorded for other in others)
     if as_good < _AS_GOOD:
         return []
@@ -53,18 +52,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
     return [warning("fit-by-chance", sentence, parameters=("gain", "time_constant"))]
 
 
-def _changes(data: Dataset) -> int:
-    return len(_switches(_input(data)))
-
-
 def _switches(u: Array) -> NDArray[np.intp]:
     """The samples (K,) at which another level begins."""
     return np.flatnonzero(np.abs(np.diff(u)) > _CHANGE * np.ptp(u)) + 1
-
-
-def _input(data: Dataset) -> Array:
-    """The input at the times of the output, (N,)."""
-    return np.asarray(data.input_at_output[:_SAMPLES])
 
 
 def _reorder(u: Array, generator: np.random.Generator) -> Array:
@@ -80,7 +70,7 @@ def _misfit(records: list[Dataset], inputs: list[Array]) -> float:
     """
     shares = []
     for data, u in zip(records, inputs, strict=True):
-        y = data.y[:_SAMPLES]
+        y = data.y[: len(u)]
         lags = np.geomspace(1.0, len(y), _LAGS)
         shares.append([_misfit_behind_lag(y, u, lag, data.kind) for lag in lags])
     return float(np.min(np.sum(shares, axis=0)))
