@@ -351,4 +351,4 @@ def test_poles_of_what_the_data_leave_open_say_so(servobench: Command, tmp_path:
 
     assert "Not all of the motor is known" in ended.err
     cautions = json.loads(ended.out)["motor"]["cautions"]
-    assert any("The time constant is not known alone" in each for each in cautions)
+    assert any("The time constant isn't known by itself" in each for each in cautions)

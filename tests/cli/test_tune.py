@@ -119,5 +119,5 @@ def test_gains_for_what_the_data_leave_open_say_so(servobench: Command, tmp_path
         each["sentence"] for each in json.loads(ended.out)["findings"] if each["code"] == "motor-not-known"
     ]
     assert said[0] == "The Coulomb voltage isn't known, only that it is at most 0.41 V."
-    assert "The time constant is not known alone" in said[1]
+    assert "The time constant isn't known by itself" in said[1]
     assert said[-1].endswith("elsewhere the motor isn't known.")

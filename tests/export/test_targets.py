@@ -101,9 +101,9 @@ def test_every_file_says_what_the_data_do_not_determine(target: str) -> None:
 
     text = rendered(ResultSummary.from_document(known_together(), "the result"), target, wishes).decode()
 
-    assert "The time constant is not known alone, only in the combination 'time constant + delay'" in text
+    assert "The time constant isn't known by itself; time constant + delay is" in text
     assert "The Coulomb voltage isn't known, only that it is at most 0.41 V." in text
-    assert "What stands for them is one choice of many that suit the data." in text
+    assert "Their values are one choice of many that fit the data as well." in text
     assert "elsewhere the motor isn't known" in text
 
 

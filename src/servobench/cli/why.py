@@ -122,9 +122,8 @@ def _show_causes(console: Console, explanation: Explanation) -> None:
     headings = ("cause", "probability", *shares, "the whole difference would need")
     rows = []
     possible = [cause for cause in explanation.causes if cause.possible]
-    for each in [cause for cause in possible if cause is possible[0] or cause.probability >= _RARE][
-        :_MOST_CAUSES
-    ]:
+    likely = [cause for cause in possible if cause.probability >= _RARE] or possible[:1]
+    for each in likely[:_MOST_CAUSES]:
         parts = {share.name: share for share in each.explains}
         texts = [_share(parts.get(difference.name)) for difference in explanation.differences]
         rows.append((each.label, _percent(each.probability), *texts, _size_needed(each)))

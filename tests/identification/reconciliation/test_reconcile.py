@@ -118,10 +118,10 @@ def test_of_two_claims_the_one_that_the_data_know_is_explained() -> None:
 
     assert [each.name for each in found.differences] == ["gain"]
     assert found.sentences[0].startswith(
-        "Nothing is said of tau=0.2: the data don't determine the time constant, only that it is at most "
+        "tau=0.2 can't be judged: the data don't determine the time constant, only that it is at most "
     )
     with pytest.raises(
-        NotIdentifiable, match=r"don't determine the time constant.*what would tell it: steps, sampled"
+        NotIdentifiable, match=r"don't determine the time constant.*to determine it, record steps, sampled"
     ):
         why(result, ["tau=0.2"])
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.crossing import crossing
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import TWO_SIDED
-
-_STEPS = 200
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +115,7 @@ def paule_mandel(y: Array, s: Array) -> float:
 
     y (n,) are their values, s (n,) the stated standard deviations.
 
-    The sum falls with τ, so the root is found by halving.
+    The sum falls with τ, from above n - 1 to below 1 where τ² is the sum of squares.
     """
 
     def excess(variance: float) -> float:
@@ -126,11 +125,7 @@ def paule_mandel(y: Array, s: Array) -> float:
 
     if excess(0.0) <= 0:
         return 0.0
-    low, high = 0.0, float(np.sum((y - y.mean()) ** 2))
-    for _ in range(_STEPS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
-    return float(np.sqrt(high))
+    return float(np.sqrt(crossing(excess, 0.0, float(np.sum((y - y.mean()) ** 2)))))
 
 
 def _count_covered(y: Array, s: Array) -> int:

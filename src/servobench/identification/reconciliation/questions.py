@@ -172,7 +172,7 @@ def unknown_clause(answer: ParameterStatus, together: Sequence[Combination]) -> 
         what += f", only that it is {in_words(answer)}"
     elif whole is not None:
         what += f" alone, only that {whole.meaning} is {whole.estimate}"
-    return f"{what}; what would tell it: {answer.remedy or 'more steps'}"
+    return f"{what}; to determine it, record {answer.remedy or 'more steps'}"
 
 
 def _check_units(fit: Fit) -> None:

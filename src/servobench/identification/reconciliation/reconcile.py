@@ -72,22 +72,22 @@ def explain(
         )  # fmt: skip
     if not told:
         return _explain(about_sheet(result.fit, _require_parameters(motor)), result)
-    known = tuple(claim for claim in told if _is_told(claim, result.fit))
-    unknown = {claim: _why_unknown(claim, result) for claim in told if claim not in known}
+    known = tuple(claim for claim in told if _can_be_judged(claim, result.fit))
+    unknown = {
+        claim: unknown_clause(result.answers[claim.name], result.combinations)
+        for claim in told
+        if claim not in known
+    }
     if not known:
         raise NotIdentifiable(f"there is nothing to compare with: {'; '.join(unknown.values())}")
     found = _explain(about_claims(result.fit, known, motor=motor, method=method), result)
-    rest = [f"Nothing is said of {claim.text}: {why}." for claim, why in unknown.items()]
+    rest = [f"{claim.text} can't be judged: {why}." for claim, why in unknown.items()]
     return replace(found, sentences=(*rest, *_about_signs(known, result.fit), *found.sentences))
 
 
-def _is_told(claim: Claim, fit: Fit) -> bool:
+def _can_be_judged(claim: Claim, fit: Fit) -> bool:
     """Whether the data say what a claim is about, or the model doesn't have it, which is said elsewhere."""
     return claim.name not in fit.model.names or is_known(fit[claim.name])
-
-
-def _why_unknown(claim: Claim, result: Result) -> str:
-    return unknown_clause(result.answers[claim.name], result.combinations)
 
 
 def _about_signs(claims: Sequence[Claim], fit: Fit) -> tuple[str, ...]:

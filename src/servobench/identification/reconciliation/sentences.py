@@ -38,7 +38,8 @@ def differences_told(differences: Sequence[Difference], question: Question) -> l
         more = "equal within the intervals"
         if not apart and abs(each.other - each.data) > each.data_half:
             # The interval of the data alone doesn't hold it.
-            more = f"equal within the intervals, as the digits it follows from leave ±{with_unit(each.other_half, each.unit, 2)}"
+            rounding = f"the {question.origin}'s rounding leaves ±{with_unit(each.other_half, each.unit, 2)}"
+            more = f"equal within the intervals: {rounding}"
         if apart and each.name != "delay":
             over = "more" if each.ratio > 1 else "less"
             more = f"{with_unit(abs(each.other - each.data), each.unit, 3)} or {plain(100 * abs(each.ratio - 1), 2)} % {over}"

@@ -6,13 +6,12 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from servobench.core.estimate import Estimate
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import rounded_interval
+from servobench.core.rounding import Rounded, rounded_interval
 from servobench.identification.uncertainty.identifiability import State
 
 _WHERE = "gain-local"  # the finding that says at which operating point a gain holds
-_CHOICE = "What stands for {it} is one choice of many that suit the data."
+_CHOICE = "one choice of many that fit the data as well."
 
 
 def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:
@@ -29,7 +28,7 @@ def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:
     ]
     sentences = list(_open(open_ones, parameters, document.get("combinations") or {}))
     if sentences:
-        sentences.append(_CHOICE.format(it="it" if len(open_ones) == 1 else "them"))
+        sentences.append(f"{'Its value is' if len(open_ones) == 1 else 'Their values are'} {_CHOICE}")
     found = [each["sentence"] for each in document.get("findings", []) if each.get("code") == _WHERE]
     return (*sentences, *found)
 
@@ -46,27 +45,19 @@ def _open(
         if plain["state"] == State.COMBINATION and plain.get("combination") in combinations:
             together.setdefault(plain["combination"], []).append(words[name])
         elif plain["state"] == State.BOUNDED:
-            upper = _estimate(plain)
+            upper = _interval(plain)
             yield _sentence(f"{words[name]} isn't known, only that it is at most {upper.high} {upper.unit}")
         else:
             unknown.append(words[name])
     for key, those in together.items():
-        whole = combinations[key]
-        estimate = Estimate(
-            value=whole["value"],
-            sd=whole["sd"],
-            interval=tuple(whole["interval"]),
-            level=whole["level"],
-            unit=whole["unit"],
-        )
-        yield _sentence(
-            f"{_list_text(those)} {_are(those)} not known alone, only in the combination '{whole['meaning']}': {estimate}"
-        )
+        alone = "by themselves" if len(those) > 1 else "by itself"
+        whole = f"{combinations[key]['meaning']} is {_interval(combinations[key])}"
+        yield _sentence(f"{_list_text(those)} {_are_not(those)} known {alone}; {whole}")
     if unknown:
-        yield _sentence(f"{_list_text(unknown)} {_are(unknown)} not known")
+        yield _sentence(f"{_list_text(unknown)} {_are_not(unknown)} known")
 
 
-def _estimate(plain: Mapping[str, Any]) -> Any:
+def _interval(plain: Mapping[str, Any]) -> Rounded:
     low, high = (math.nan if end is None else end for end in plain["interval"])
     return rounded_interval(plain["value"], (low, high), plain["unit"])
 
@@ -75,8 +66,8 @@ def _list_text(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def _are(words: Sequence[str]) -> str:
-    return "are" if len(words) > 1 else "is"
+def _are_not(words: Sequence[str]) -> str:
+    return "aren't" if len(words) > 1 else "isn't"
 
 
 def _sentence(clause: str) -> str:

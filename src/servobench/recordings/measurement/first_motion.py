@@ -95,7 +95,7 @@ def first_motion(data: Record) -> FirstMotion | None:
         return None
     at_rest = data.starts_at_rest and cause <= data.t_output[0]
     samples = 1 if at_rest else int(np.count_nonzero(data.t_output <= cause))
-    if samples < (1 if at_rest else 2):
+    if not at_rest and samples < 2:
         return None
     within = noise_of(data)
     middle = float(np.median(data.y[:samples]))

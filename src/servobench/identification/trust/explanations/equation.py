@@ -187,15 +187,17 @@ def filter_time(y: Array, step: float, order: int, lags: int = 3) -> float:
 
 def filter_bilinear(x: Array, step: float, time: float, order: int, lags: int = 3) -> Array:
     """Return s^order/(T s + 1)ⁿ x (N,) by the bilinear rule, from rest; n is the number of lags, `step` and T in seconds."""
-    from servobench.identification.trust.explanations import kernels
+    from servobench.recordings.measurement.kernels import first_order_recursion
 
     c = 2.0 * time / step
     # (T s + 1) with s = 2/h (1 - z⁻¹)/(1 + z⁻¹): ((1 + c) + (1 - c) z⁻¹)/(1 + z⁻¹)
-    out = np.ascontiguousarray(x, dtype=np.float64)
+    left = np.full(len(x), (c - 1) / (1 + c))
+    out = x
     for n in range(lags):
-        now, before = (2.0 / step, -2.0 / step) if n < order else (1.0, 1.0)
-        out = kernels.lag(out, now / (1 + c), before / (1 + c), (c - 1) / (1 + c))
-    return out
+        earlier = np.append(0.0, out[:-1])
+        pushed = 2.0 / step * (out - earlier) if n < order else out + earlier
+        out = first_order_recursion(left, (pushed / (1 + c))[:, None])[:, 0]
+    return np.asarray(out, dtype=np.float64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""The compiled kernels of the causes: an input that goes through a play, a signal that goes through a lag."""
+"""The compiled kernel of the causes: an input that goes through a play."""
 
 from __future__ import annotations
 
@@ -15,19 +15,4 @@ def play(u: Array, width: float) -> Array:
     for k in range(len(u)):
         now = min(max(now, u[k] - width), u[k] + width)
         out[k] = now
-    return out
-
-
-@compiled
-def lag(x: Array, now: float, before: float, left: float) -> Array:
-    """Return y (N,) from rest, y_k = now x_k + before x_{k-1} + left y_{k-1}: a lag, or the derivative behind one.
-
-    The direct form of a first-order section (Oppenheim and Schafer 2010, section 6.3).
-    """
-    out = np.empty(len(x))
-    x1 = y1 = 0.0
-    for k in range(len(x)):
-        y1 = now * x[k] + before * x1 + left * y1
-        x1 = x[k]
-        out[k] = y1
     return out
