@@ -5,7 +5,8 @@
 
 Each recording is cut twice. *In turn*: the stretches or input levels that `identify` leaves out for its own validation; the plain
 fit gets the same rest and predicts the same part. *Second half*: both are given the first half alone, the choice of the structure
-included. Of what is predicted either fits the start state only. The recordings are those of `real_parts/recordings.py`.
+included. Of what is predicted either fits the start state only. Where identification refuses to answer from the first half, it
+predicts nothing, and nothing is compared: those are counted by themselves. The recordings are those of `real_parts/recordings.py`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -41,6 +43,7 @@ class Compared:
     ours: float
     plain: float
     structure: str
+    refused: bool = False
 
     @property
     def worse(self) -> float:
@@ -64,7 +67,7 @@ def compared(motors: Sequence[str], show: Callable[[Compared], None]) -> list[Co
     return found
 
 
-def _in_turn(result: Result) -> dict[str, float | str] | None:
+def _in_turn(result: Result) -> dict[str, Any] | None:
     """Parts left out in turn, those that the result itself was tried on."""
     from real_parts.plain import fitted, residuals, share
 
@@ -78,7 +81,7 @@ def _in_turn(result: Result) -> dict[str, float | str] | None:
     return {"ours": result.validation.fit_percent, "plain": share(left), "structure": result.fit.structure}
 
 
-def _second_half(data: Dataset) -> dict[str, float | str] | None:
+def _second_half(data: Dataset) -> dict[str, Any] | None:
     """The second half, predicted from the first."""
     from real_parts.plain import fitted, residuals, share
 
@@ -95,6 +98,7 @@ def _second_half(data: Dataset) -> dict[str, float | str] | None:
         "ours": result.validation.fit_percent,
         "plain": share(residuals(fitted([first]), [rest])),
         "structure": result.fit.structure,
+        "refused": result.verdict == "refused",
     }
 
 
@@ -115,9 +119,11 @@ def smallest() -> list[Figure]:
 
 
 def _figures(found: Iterable[Compared], cut: str) -> list[Figure]:
-    worse = np.array([one.worse for one in found if one.cut == cut])
+    tried = [one for one in found if one.cut == cut]
+    worse = np.array([one.worse for one in tried if not one.refused])
     named = f"of {len(worse)} real recordings predicted, {cut}"
     return [
+        Figure(what=f"{cut}: refused, of {len(tried)}", value=len(tried) - len(worse)),
         Figure(
             what=f"{named}: worse than a plain fit by more than {WORSE} points",
             value=float(np.sum(~(worse <= WORSE))),
@@ -137,7 +143,7 @@ def command(words: Sequence[str]) -> int:
     parser.add_argument("--motor", action="append", default=[], help="only this motor; may be repeated")
 
     def show(one: Compared) -> None:
-        mark = "" if one.worse <= WORSE else f"  WORSE by {one.worse:.2f}"
+        mark = "  refused" if one.refused else "" if one.worse <= WORSE else f"  WORSE by {one.worse:.2f}"
         print(
             f"{one.name:60} {one.cut:12} {one.ours:8.2f} %  plain {one.plain:8.2f} %  {one.structure}{mark}",
             flush=True,

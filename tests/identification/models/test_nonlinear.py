@@ -219,4 +219,35 @@ def test_a_fast_shaft_under_gravity_is_stepped_rarely_and_still_where_it_should_
     p = np.zeros(kernels.COLUMNS)
     p[[kernels.GAIN, kernels.TAU, kernels.SINE, kernels.COSINE]] = gain, tau, sine, cosine
     # A tenth of the time in which it turns by a radian would be the step beside a gravity that moves it.
-    assert kernels.longest_step(kernels.motor_of(p), speed, 0.0, False, True) > 2 * 0.1 / speed
+    assert kernels.longest_step(kernels.motor_of(p), speed, 0.0, speed, 1.0, False, True) > 2 * 0.1 / speed
+
+
+def test_a_time_constant_of_a_quarter_of_a_sample_takes_few_steps_and_is_right() -> None:
+    """Against SciPy's DOP853, up a ramp, to a millionth of the speed: ten times what one step may leave out."""
+    gain, tau, coulomb, stribeck, slow = 209.0, 3.3e-4, 0.1, 0.3, 93.0
+    t = 1.3e-3 * np.arange(200)
+    volts = np.linspace(1.0, 5.0, 200)
+    record = replace(
+        dataset(seed=1), t_input=t, t_output=t, u=volts, input_before=1.0, y=np.zeros(200), kind="speed"
+    )
+    structure = STRUCTURES["first_order_coulomb_stribeck"]
+    values = {"gain": gain, "time_constant": tau, "coulomb_voltage": coulomb}
+    values |= {"stribeck_voltage": stribeck, "stribeck_speed": slow}
+    theta = np.array([*(values.get(p.name, 0.0) for p in structure.parameters), 50.0])
+
+    found = structure.predict(theta, record)
+
+    speed, expected = 50.0, [50.0]
+    for v, start, end in zip(volts, t[:-1], t[1:], strict=False):
+
+        def slope(_: float, w: NDArray[np.float64], v: float = float(v)) -> NDArray[np.float64]:
+            return (gain * (v - coulomb - stribeck * np.exp(-w / slow)) - w) / tau
+
+        speed = solve_ivp(slope, (start, end), [speed], "DOP853", rtol=1e-13, atol=1e-11).y[0, -1]
+        expected.append(speed)
+    assert np.abs(found.y - expected).max() < 1e-6 * max(expected)
+    p = np.ones(kernels.COLUMNS)
+    p[[kernels.GAIN, kernels.TAU]] = gain, tau
+    p[[kernels.ASYMMETRY, kernels.STRIBECK, kernels.SINE, kernels.COSINE]] = 0.0
+    settled = kernels.longest_step(kernels.motor_of(p), 1000.0, 1e-4 * 1000 / tau, 1000.0, 1.0, False, False)
+    assert settled == pytest.approx(0.1 * tau * (1e4) ** 0.2)

@@ -54,6 +54,7 @@ STAGE = 18
 
 _STEP = 0.1  # of the shortest time in which anything changes
 _LONGER = 4.0  # times as long may a step be beside the turning of a shaft that gravity hardly moves
+_LONGEST = 10.0  # times as long may it be of a speed that has settled: to 1.0 of the time constant; unstable from 2.78 on
 _MOST = 100  # steps between two events, for parameters that no motor has
 _ENDLESS = (
     20 * _MOST
@@ -198,9 +199,18 @@ def differentiate(
 
 
 @compiled
-def longest_step(m: Array, w: float, f: float, stribeck: bool, gravity: bool) -> float:
-    """Return how long a step from a state with speed w and acceleration f may be [s]."""
+def longest_step(
+    m: Array, w: float, f: float, highest: float, left: float, stribeck: bool, gravity: bool
+) -> float:
+    """Return how long a step from a state with speed w and acceleration f may be [s].
+
+    `highest` is the highest speed so far, `left` the time until the next event, beyond which no answer matters.
+    """
     rate = m[OWN_RATE]
+    if not gravity and rate * left > _STEP:
+        away = abs(f) / rate
+        if away < highest:
+            rate /= min((highest / away) ** 0.2, _LONGEST) if away > 0.0 else _LONGEST
     if gravity and m[SINE] * m[SINE] + m[COSINE] * m[COSINE] > 0.0:
         # A step spoils (ω h)⁵ of the swing of a fast shaft, which is `own`/ω² of a radian.
         own, square = m[SWING], w * w
@@ -332,6 +342,7 @@ def response(
     x = np.zeros((2, WIDTH))
     x[0, POSITION] = x[1, SPEED] = 1.0
     angle, w, now, delay = p[POSITION], p[SPEED], t_out[0], p[DELAY]
+    highest = abs(w)
     motor, at, by = motor_of(p), np.zeros((4, STATES)), np.zeros((4, STAGE))
     k, v = first_input(t_in, u, u_before, delay, now)
     sense = sense_of(p, v, angle, w, friction, gravity)
@@ -362,8 +373,8 @@ def response(
                 y[m:] = np.inf
                 jac[m:, :] = 0.0
                 return
-            h = max(longest_step(motor, w, f, stribeck, gravity), shortest)
-            left = until - now
+            left, highest = until - now, max(highest, abs(w))
+            h = max(longest_step(motor, w, f, highest, left, stribeck, gravity), shortest)
             last = h >= left
             h = left if last else left / math.ceil(left / h)
             at[0, AT_SINE], at[0, AT_COSINE], at[0, AT_SPEED] = sine, cosine, w
