@@ -6,7 +6,7 @@
 Each recording is cut twice. *In turn*: the stretches or input levels that `identify` leaves out for its own validation; the plain
 fit gets the same rest and predicts the same part. *Second half*: both are given the first half alone, the choice of the structure
 included. Of what is predicted either fits the start state only. Where identification refuses to answer from the first half, it
-predicts nothing, and nothing is compared: those are counted by themselves. The recordings are those of `real_parts/recordings.py`.
+predicts nothing, and nothing is compared: those are counted by themselves. The recordings are in `real_parts/recordings.py`.
 """
 
 from __future__ import annotations
