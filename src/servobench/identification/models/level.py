@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.identification.models.motion import smooth_speed
-from servobench.recordings.measurement.dataset import Dataset
-from servobench.recordings.measurement.first_motion import noise_of
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
 _SHORT = 20  # of these parts of a record is the longest span over which motion has to be seen
@@ -22,6 +21,15 @@ def single_level(records: Sequence[Dataset]) -> float | None:
 
     Coasting under no input counts as a second level: it is friction alone that brakes there.
     """
+    return _level_of_one(records[0]) if len(records) == 1 else _level_of(records)
+
+
+@keep_with_data
+def _level_of_one(record: Dataset) -> float | None:
+    return _level_of((record,))
+
+
+def _level_of(records: Sequence[Dataset]) -> float | None:
     every = np.concatenate([np.append(record.u, record.input_before) for record in records])
     largest = float(np.abs(every).max(initial=0.0))
     if largest == 0:
@@ -57,7 +65,7 @@ def _beyond_noise(record: Dataset, speed: float) -> NDArray[np.bool_]:
     """
     count = len(record.y)
     step = (record.t_output[-1] - record.t_output[0]) / max(count - 1, 1)
-    noise, longest = noise_of(record), max(count // _SHORT, 1)
+    noise, longest = record.noise, max(count // _SHORT, 1)
     if record.kind == "position":
         way = np.cumsum(np.diff(record.y, prepend=record.y[0]))
         wanted = noise / (speed * step) if speed > 0 else 1.0

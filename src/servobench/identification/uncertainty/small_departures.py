@@ -64,13 +64,11 @@ def _warming(gain: float, largest: float) -> Term:
 
 def _behind_a_gap(motion: Motion) -> tuple[Array, ...]:
     """The position due to typical play if the record begins with the gap closed: nothing until the shaft reverses."""
+    from servobench.identification.models.play import behind_play
+
     half = 0.5 * _TYPICAL * _PLAY
     sense = np.sign(motion.speed[np.flatnonzero(motion.speed)[:1]]).sum()
-    seen, at = np.empty(len(motion.position)), float(motion.position[0] - sense * half)
-    for n, angle in enumerate(motion.position.tolist()):
-        at = min(max(at, angle - half), angle + half)
-        seen[n] = at
-    return (seen - motion.position,)
+    return (behind_play(motion.position, half, motion.position[0] - sense * half) - motion.position,)
 
 
 _PLAYING = Term(code="backlash", name="play", sentence="", to_output=_behind_a_gap)

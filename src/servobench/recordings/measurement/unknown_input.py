@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.recordings.measurement.dataset import Dataset
-from servobench.recordings.measurement.first_motion import SUSTAINED, noise_of
+from servobench.recordings.measurement.first_motion import SUSTAINED
 
 _UNKNOWN = (
     4  # samples that an input before the record may have driven: a delay of three, and one of the latch
@@ -49,12 +49,12 @@ def _moves_at_first(data: Dataset, samples: int) -> bool:
     """Whether the shaft moves within so many samples by more than noise, or its speed isn't zero."""
     first = data.y[: max(samples, 3)]
     if data.kind == "speed":
-        return abs(float(np.median(first))) > noise_of(data)
-    return float(np.ptp(first)) > 2 * noise_of(data)
+        return abs(float(np.median(first))) > data.noise
+    return float(np.ptp(first)) > 2 * data.noise
 
 
 def _sets_off_unasked(data: Dataset) -> bool:
     """Whether a shaft that stood sets off before the input changes: what it answers to came with the first row, or before it."""
-    away = np.flatnonzero(np.abs(data.y - np.median(data.y[:SUSTAINED])) > noise_of(data))
+    away = np.flatnonzero(np.abs(data.y - np.median(data.y[:SUSTAINED])) > data.noise)
     change = data.t_input[np.flatnonzero(data.u != data.u[0])[0]]
     return bool(len(away) > 0 and data.t_output[away[0]] <= change)

@@ -50,15 +50,23 @@ def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
         return np.array([], dtype=np.int64)
     step = np.diff(t)
     speed = np.diff(y) / step
-    around = np.stack([speed[at : len(speed) - 4 + at] for at in (0, 1, 3, 4)])
-    off = np.abs(speed[2:-2] - np.median(around, axis=0)) * step[2:-2]
-    differ = np.ptp(around, axis=0) * step[2:-2]
+    usual, range_of_four = _middle_and_range(*(speed[at : len(speed) - 4 + at] for at in (0, 1, 3, 4)))
+    off = np.abs(speed[2:-2] - usual) * step[2:-2]
+    differ = range_of_four * step[2:-2]
     limit = max(_LARGE * float(np.percentile(off, 99)), _QUANTA * quantum)
     found = np.flatnonzero((off > limit) & (off > 2.0 * differ)) + 2
     top = float(np.abs(np.delete(speed, found)).max(initial=0.0))
-    twitches = (np.median(around, axis=0)[found - 2] == 0.0) & (np.abs(speed[found]) <= top)
+    twitches = (usual[found - 2] == 0.0) & (np.abs(speed[found]) <= top)
     found = found[~twitches]
     return found if len(found) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
+
+
+def _middle_and_range(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
+    """The medians and the ranges (N,) of four numbers each, a tenth of the time that NumPy takes for any number of them."""
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    lower, higher = np.minimum(c, d), np.maximum(c, d)
+    middle = 0.5 * (np.maximum(low, lower) + np.minimum(high, higher))
+    return middle, np.maximum(high, higher) - np.minimum(low, lower)
 
 
 DOUBTS.member("jumps")(Doubt(codes=("output-jumps",), about_data=_about))

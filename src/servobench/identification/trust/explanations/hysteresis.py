@@ -50,9 +50,9 @@ def _hysteresis(case: Case) -> CauseFit | None:
 
 def play(u: Array, width: float) -> Array:
     """Return u (N,) behind a play of `width` on either side, in the unit of u, from its first value on."""
-    from servobench.identification.trust.explanations import kernels
+    from servobench.identification.models.play import behind_play
 
-    return kernels.play(u, width)
+    return behind_play(u, width, u[0])
 
 
 EXPLANATIONS.member("hysteresis")(_hysteresis)
