@@ -1,8 +1,10 @@
-"""A winding that warms up and play in a gear are in the intervals, as far as the data leave room for them."""
+"""A winding that warms up, a dead band and play in a gear are in the intervals, as far as the data leave room for them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -69,6 +71,13 @@ def geared(seed: int, plays: bool) -> Fit:
     return fitted(played(angle) if plays else angle, u, seed, "first_order_coulomb", 3e-4)
 
 
+def driven(seed: int, band: float) -> Fit:
+    """The reference motor both ways under levels of all sizes, behind an amplifier that loses so much of 3 V about zero."""
+    u = np.random.default_rng(seed).uniform(-3.0, 3.0, SAMPLES // 5).repeat(5)
+    lost = np.clip(u, -3.0 * band, 3.0 * band)
+    return fitted(march(Truth(), u - lost, STEP, step=2e-5)[:, 2], u, seed, "first_order_coulomb", 3e-4)
+
+
 def far_off(fits: list[Fit], gain: float) -> int:
     """The number of gains that are off by more than the three standard deviations that a trusted one may be."""
     return sum(abs(fit["gain"].value - gain) > 3.0 * fit["gain"].sd for fit in fits)
@@ -94,14 +103,33 @@ def test_the_line_allows_for_play() -> None:
     assert "play" in {line.source for line in with_small_departures(fits[0]).budget}
 
 
+def test_the_line_allows_for_a_dead_band() -> None:
+    """Of 3 % of the largest input. Friction costs as much, but while the shaft turns and not while the input lasts."""
+    truth = Truth()
+    gain = truth.motor_constant / (truth.motor_constant**2 + truth.resistance * truth.viscous_friction)
+    fits = [driven(seed, 0.03) for seed in range(RUNS)]
+
+    assert far_off(fits, gain) > RUNS // 4
+    assert far_off([with_small_departures(fit) for fit in fits], gain) == 0
+    assert "a dead band" in {line.source for line in with_small_departures(fits[0]).budget}
+
+
+def test_under_one_size_of_input_the_gain_includes_the_dead_band() -> None:
+    assert "a dead band" not in {line.source for line in with_small_departures(geared(0, plays=False)).budget}
+
+
 def test_a_motor_that_turns_one_way_shows_no_play() -> None:
     assert "play" not in {line.source for line in with_small_departures(warmed(0, 0.0)).budget}
 
 
-@pytest.mark.parametrize("plays", [True, False])
-def test_where_there_is_none_and_the_data_show_it_they_add_little(plays: bool) -> None:
+@pytest.mark.parametrize(
+    "recorded",
+    [partial(geared, plays=False), partial(warmed, warmer=0.0, noise=1e-4), partial(driven, band=0.0)],
+    ids=["play", "warming", "dead band"],
+)
+def test_where_there_is_none_and_the_data_show_it_they_add_little(recorded: Callable[[int], Fit]) -> None:
     """On average over 6 records, with readings good enough to tell a departure of a tenth of the largest."""
-    fits = [geared(seed, plays=False) if plays else warmed(seed, 0.0, noise=1e-4) for seed in range(6)]
+    fits = [recorded(seed) for seed in range(6)]
 
     wider = [with_small_departures(fit)["gain"].sd / fit["gain"].sd for fit in fits]
 
@@ -119,6 +147,23 @@ def test_before_any_data_the_size_has_its_prior() -> None:
     added = possible_covariance(test, column)
     assert added == pytest.approx(np.outer(off, off) / 12.0, rel=0.02)  # ¼ · ⅓, on 101 sizes
     assert pytest.approx(1.0 / 12.0, rel=0.02) == possible_term.BEFORE**2
+
+
+def test_of_several_forms_the_one_that_the_data_show_counts() -> None:
+    """One that is there at half of its largest size, 40 standard deviations, beside one that isn't."""
+    fit = warmed(3, 0.0)
+    columns = np.random.default_rng(2).standard_normal((2, len(ScoreTest(fit, 3.0).innovations)))
+    shown, absent = 80.0 * columns / np.linalg.norm(columns, axis=1)[:, None]
+    (record,) = fit.records
+    test = ScoreTest(
+        replace(fit, records=(replace(record, innovations=record.innovations + 0.5 * shown),)), 3.0
+    )
+
+    added = possible_covariance(test, shown, absent)
+
+    # Of the other there is as much as chance makes of it, 80 noises long: a sixteenth of a per cent.
+    assert added == pytest.approx(possible_covariance(test, shown), rel=0.01)
+    assert np.abs(possible_covariance(test, absent)).max() < 0.1 * np.abs(added).max()
 
 
 def test_a_size_that_the_data_show_is_the_one_that_counts() -> None:

@@ -98,7 +98,7 @@ def _parts(
     if motor.delay > 0:
         share = 1.0 if motor.winding else _ANY_SHARE
         errors.append(share * lag_errors(structure, theta, data, motor.delay).sum(axis=1, keepdims=True))
-    errors += [BEFORE * each[:, None] for each in excess_errors(structure, [theta], [data])]
+    errors += [BEFORE * each[:, :1] for each in excess_errors(structure, [theta], [data])]
     rounding = count_position(motor, prediction.y, random) - prediction.y
     columns = np.column_stack([prediction.jacobian, rounding, *errors])
     if motor.disturbance is None:

@@ -1,8 +1,9 @@
 """Friction that is larger near rest than at speed (Stribeck 1902), which a constant friction leaves out: a line of the budget.
 
 Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain and friction. The
-excess falls to nothing within a tenth of the largest speed, and is at most half of the Coulomb friction. What it does to the
-output is exact (`models.near_rest`), how large it is as of any term that a motor may have (`possible_term`).
+excess falls to nothing within a tenth of the largest speed, or within a fifth or a third of it where that is low, and is at most
+half of the Coulomb friction. What it does to the output is exact (`models.near_rest`), how large it is as of any term that a
+motor may have (`possible_term`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from servobench.identification.uncertainty.score_test import ScoreTest, in_innov
 from servobench.recordings.measurement.dataset import Dataset
 
 SOURCE: Final = "friction near rest"
-_NARROW = 0.1  # of the largest speed: where the excess has fallen to nothing
+_WIDTHS = (0.1, 0.2, 0.3)  # of the largest speed: where the excess has fallen to nothing
 _LARGEST = 0.5  # of the Coulomb friction: the largest excess at rest
 BEFORE: Final = possible_term.BEFORE * _LARGEST
 """The root mean square of the excess before any data, as a part of the Coulomb friction."""
@@ -63,14 +64,15 @@ def excess_covariance(fit: Fit) -> Array:
     if not errors:
         return none
     both = zip(fit.records, errors, strict=True)
-    column = np.concatenate([in_innovations(fit, record, each[:, None]) for record, each in both])[:, 0]
-    return possible_term.possible_covariance(ScoreTest(fit, 1.0), _LARGEST * column)
+    columns = np.concatenate([in_innovations(fit, record, each) for record, each in both])
+    return possible_term.possible_covariance(ScoreTest(fit, 1.0), *(_LARGEST * columns.T))
 
 
 def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence[Dataset]) -> list[Array]:
-    """Return what each record's output (M,) would have more if friction were twice as large at rest, for its vector (P + Q,).
+    """Return what each record's output would have more if friction were twice as large at rest, (M, W), for its vector (P + Q,).
 
-    Nothing for a structure without a Coulomb friction of that kind, and for motors at rest.
+    A column for each width within which the excess falls to nothing. An empty list for a structure without a Coulomb friction of
+    that kind, and for motors at rest.
     """
     names = [parameter.name for parameter in structure.parameters]
     if not (structure.friction and isinstance(structure, ExcessFriction) and "coulomb_voltage" in names):
@@ -80,4 +82,8 @@ def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence
     top = max(float(np.abs(structure.speed(theta, record)).max()) for theta, record in both)
     if not (coulomb > 0 and top > 0):
         return []
-    return [coulomb * structure.by_excess_friction(theta, record, _NARROW * top) for theta, record in both]
+    return [
+        coulomb
+        * np.column_stack([structure.by_excess_friction(theta, record, width * top) for width in _WIDTHS])
+        for theta, record in both
+    ]

@@ -6,7 +6,8 @@ that the covariance has more
 
     B c c' B' E[s²]
 
-by the mixture that the residuals leave of the two (model averaging: Hoeting, Madigan, Raftery and Volinsky 1999).
+by the mixture that the residuals leave of the two (model averaging: Hoeting, Madigan, Raftery and Volinsky 1999). Where nobody
+knows the term's form, each of several is as probable as another before the data.
 """
 
 from __future__ import annotations
@@ -26,24 +27,27 @@ BEFORE: Final = float(np.sqrt((1.0 - _NONE) * np.mean(_SIZES**2)))
 _NOTHING = 1e-20  # of a column's power: what is left of one that the Jacobian explains is rounding error
 
 
-def possible_covariance(test: ScoreTest, column: Array) -> Array:
-    """Return the covariance (P, P) that a term adds which has `column` (N,) in the innovations where it is largest."""
+def possible_covariance(test: ScoreTest, *forms: Array) -> Array:
+    """Return the covariance (P, P) added by a term; its possible `forms` (N,) are what the innovations have of the largest."""
     shared = len(test.fit.model.theta)
-    rest = column - test.basis @ (test.basis.T @ column)
-    if not float(rest @ rest) > _NOTHING * float(column @ column):
-        return np.zeros((shared, shared))
-    off = test.joint_shift(column)[:shared]
-    return np.asarray(_mean_square(rest, test.innovations) * np.outer(off, off), dtype=np.float64)
+    rests = [(column, column - test.basis @ (test.basis.T @ column)) for column in forms]
+    seen = [(c, rest) for c, rest in rests if float(rest @ rest) > _NOTHING * float(c @ c)]
+    added = np.zeros((shared, shared))
+    if not seen:
+        return added
+    logarithms = np.array([_log_likelihood(rest, test.innovations) for _, rest in seen])
+    highest = float(logarithms.max())
+    likely = (1.0 - _NONE) / logarithms.size * np.exp(logarithms - highest)
+    likely /= _NONE * np.exp(-highest) + float(likely.sum())
+    for (column, _), each in zip(seen, likely, strict=True):
+        off = test.joint_shift(column)[:shared]
+        added += float(each @ _SIZES**2) * np.outer(off, off)
+    return added
 
 
-def _mean_square(rest: Array, innovations: Array) -> float:
-    """E[s²] by what the innovations (N,) say of a column (N,); where they are coloured, that is less."""
+def _log_likelihood(rest: Array, innovations: Array) -> Array:
+    """What the innovations (N,) say of each size of a column (N,), over none of it; where they are coloured, that is less."""
     power = float(rest @ rest)
     score = (rest * innovations)[:, None]
     colour = max(1.0, float(long_run(score, andrews_lag(score))[0, 0]) / power)
-    log_likelihood = (float(score.sum()) * _SIZES - 0.5 * power * _SIZES**2) / colour
-    highest = float(log_likelihood.max())
-    likely = np.exp(log_likelihood - highest)
-    some = (1.0 - _NONE) / len(_SIZES)
-    whole = _NONE * np.exp(-highest) + some * float(likely.sum())
-    return float(some * (likely @ _SIZES**2) / whole)
+    return np.asarray((float(score.sum()) * _SIZES - 0.5 * power * _SIZES**2) / colour, dtype=np.float64)

@@ -3,6 +3,9 @@
 - *A winding that warms up.* The resistance of copper grows by 0.4 % a kelvin. A resistance that is larger by s takes s times the
   voltage u - ω/K that drives the current, so friction costs more of the input and the time constant grows, steadily over the
   record. Where a motor turns one way, at few levels, that looks like another gain. The parameters are those half way through.
+- *A dead band.* An amplifier, or the software before it, passes nothing until the input is large enough, and then that much less.
+  While the shaft turns as the input says, friction costs as much; where the input has changed its sign and the shaft hasn't, it
+  doesn't. Under one size of input the gain is that between its levels, dead band included.
 - *Play in a gear.* The output rests until the gap is used up, then follows. In a record of a few degrees of travel that looks
   like less friction and less gain.
 
@@ -22,11 +25,16 @@ from servobench.identification.uncertainty.score_test import SMALL, Motion, Scor
 
 _WARMER = 0.1  # of the resistance, over a record: 25 K
 _PLAY = float(np.deg2rad(0.5))  # rad, of a gear
-_TYPICAL = 0.5  # of that: what it does isn't in proportion to its size, and counts as one in the middle
+_BAND = 0.05  # of the largest input: the widest dead band to either side
+_TYPICAL_BAND = (
+    0.03  # of it: what it does isn't in proportion to its width, and counts as that of one so wide
+)
+_ONE_SIZE = 0.03  # of the largest input: sizes that lie nearer than that are one
+_TYPICAL = 0.5  # of the largest play: likewise
 
 
 def with_small_departures(fit: Fit) -> Fit:
-    """Return the fit with lines of its budget for a winding that warms up, by up to 25 K a record, and for play in a gear.
+    """Return the fit with lines of its budget for a winding that warms up, a dead band, and play in a gear.
 
     The same where the model isn't first order, or nothing is left over.
     """
@@ -37,6 +45,11 @@ def with_small_departures(fit: Fit) -> Fit:
     test = ScoreTest(fit, largest)
     warming = _WARMER / SMALL * _columns(test, _warming(fit.model["gain"], largest))
     lines = [(warming, "a motor that warms up", "the winding may become warmer by 25 K within the record")]
+    if _sizes_differ(fit, largest):
+        lost = _BAND / SMALL * _columns(test, _losing("coulomb_voltage" in fit.model.names))
+        lines.append(
+            (lost, "a dead band", "the amplifier may lose up to 5 % of the largest input about zero")
+        )
     if all(record.data.position_unit == "rad" for record in fit.records):
         played = _columns(test, _PLAYING) / _TYPICAL
         lines.append((played, "play", "a gear may have play of up to half a degree"))
@@ -69,6 +82,22 @@ def _behind_a_gap(motion: Motion) -> tuple[Array, ...]:
     half = 0.5 * _TYPICAL * _PLAY
     sense = np.sign(motion.speed[np.flatnonzero(motion.speed)[:1]]).sum()
     return (behind_play(motion.position, half, motion.position[0] - sense * half) - motion.position,)
+
+
+def _sizes_differ(fit: Fit, largest: float) -> bool:
+    """Whether the input has several sizes other than zero: of one, the gain is that between its levels, dead band included."""
+    sizes = np.abs(np.concatenate([record.data.u for record in fit.records])) / largest
+    return bool(((sizes > 0.0) & (sizes < 1.0 - _ONE_SIZE)).any())
+
+
+def _losing(friction: bool) -> Term:
+    """The input taken by a dead band, in parts of its width; with `friction`, beyond what a Coulomb voltage as large takes."""
+
+    def lost(motion: Motion) -> tuple[Array, ...]:
+        band = -np.clip(motion.input / _TYPICAL_BAND, -1.0, 1.0)
+        return (band + np.sign(motion.speed) if friction else band,)
+
+    return Term(code="dead-zone", name="a dead band", sentence="", to_input=lost)
 
 
 _PLAYING = Term(code="backlash", name="play", sentence="", to_output=_behind_a_gap)
