@@ -27,6 +27,7 @@ from servobench.identification.choice.restored_counts import with_counts_restore
 from servobench.identification.choice.structure_choice import Choice, choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.unseen_torque import with_unseen_torque
+from servobench.identification.models.common_parameters import TIME_CONSTANT
 from servobench.identification.models.level import single_level
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.nominal import nominal_values
@@ -299,12 +300,15 @@ def _judge(
 
 
 def _about_known(findings: Sequence[Finding], answers: Mapping[str, ParameterStatus]) -> list[Finding]:
-    """The findings without those on an end of its range of a parameter that isn't known by itself."""
+    """The findings without those on an end of its range of a parameter that isn't known by itself.
+
+    A time constant that the data don't tell ends anywhere, at next to nothing as well; that is no sign of a wrong model.
+    """
     return [
         each
         for each in findings
         if each.code != "parameter-at-bound"
-        or each.severity is not Severity.INFO
+        or (each.severity is not Severity.INFO and each.parameters != (TIME_CONSTANT.name,))
         or any(answers[name].state is State.KNOWN for name in each.parameters if name in answers)
     ]
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from servobench.identification.estimators.least_squares import (
     Layout,
@@ -17,6 +19,7 @@ from servobench.identification.estimators.least_squares import (
 )
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
 
@@ -71,3 +74,52 @@ def test_a_search_comes_back_from_the_wrong_side_of_a_shaft_that_sticks(speed: f
     assert found.converged
     # A sum of squares within 0.01 of the residual's variance: a tenth of a standard deviation.
     assert found.cost - best.cost <= 0.01 * best.cost / len(data.y)
+
+
+@pytest.mark.parametrize("name", ["first_order", "first_order_one_way", "first_order_one_way_rest"])
+def test_a_step_in_the_coordinates_of_a_slow_motor_is_the_change_to_first_order(name: str) -> None:
+    """For a change a tenth as large it's off by a hundredth, and K/τ changes in proportion to it."""
+    structure = STRUCTURES[name]
+    theta, change = np.array([50.0, 0.2, 0.3, 0.01, 1.0, 2.0]), np.array([5.0, 0.03, 0.05, 0.002, 0.1, 0.2])
+
+    def reached(h: float) -> NDArray[np.float64]:
+        return structure.move_if_slow(theta, h * change, 1.5)
+
+    def off(h: float) -> float:
+        return float(np.abs(reached(h) - theta - h * change).max())
+
+    assert off(1e-3) == pytest.approx(1e-2 * off(1e-2), rel=0.1)
+    slope = [(reached(h)[0] / reached(h)[1] - 250.0) / h for h in (0.1, 1.0)]
+    assert slope[0] == pytest.approx(slope[1])
+
+
+def one_square(late: float) -> Dataset:
+    """Counts under a square wave of half a period in 0.6 time constants, that reverses as the record begins.
+
+    The response is exact between the changes of the input, which come `late` samples later.
+    """
+    gain, tau, step, half, samples, quantum = 50.0, 0.187, 0.0184, 6, 336, 0.0587
+    levels = (0.31, 1.68)
+    angle, speed, y = 71.0, 50.0, np.empty(samples)
+    moments = sorted({*map(float, range(samples + 1)), *(n + late % 1.0 for n in range(samples))})
+    for now, until in pairwise(moments):
+        if now == int(now):
+            y[int(now)] = quantum * np.round(angle / quantum)
+        driven = gain * levels[(max(int(np.floor(now - late + 1e-9)), -1) // half) % 2]
+        h = step * (until - now)
+        angle += driven * h + tau * (speed - driven) * -np.expm1(-h / tau)
+        speed = driven + (speed - driven) * np.exp(-h / tau)
+    u = np.array([levels[n // half % 2] for n in range(samples)])
+    made = dataset(seed=1, u=u, samples=samples, sample_time=step, y=y)
+    return replace(made, quantum=quantum, input_before=levels[1])
+
+
+@pytest.mark.parametrize("late", [1.2, 1.9, 2.5, 3.1])
+def test_a_motor_that_is_slower_than_its_input_is_found(late: float) -> None:
+    """What explains the counts: what rounding leaves is 0.29 of one, and a twentieth more is far beyond chance."""
+    data = one_square(late)
+    structure = STRUCTURES["first_order_one_way"]
+
+    found = lowest(structure, [data], structure.guesses([data]))
+
+    assert found.cost < len(data.y) * (1.05 * 0.0587) ** 2 / 12

@@ -22,7 +22,7 @@ def found_beside(
     """The contribution of other ends to a place at (1, 2)."""
     place = Minimum(theta=np.array([1.0, 2.0]), predictions=(), cost=cost, converged=True, status="")
     ends = [(np.array(theta), each) for theta, each in others]
-    return other_minima(place, ends, COVARIANCE, samples, prior)
+    return other_minima(place, ends, COVARIANCE, samples, prior=prior)
 
 
 def test_of_two_minima_that_are_as_good_the_variance_is_that_of_two_points() -> None:
@@ -65,3 +65,15 @@ def test_a_delay_that_no_loop_has_makes_a_minimum_unlikely() -> None:
 
     assert found_beside(((4.0, 0.0), 2.0), prior=usual) is None
     assert found_beside(((4.0, 2.0), 2.0), prior=usual) is not None
+
+
+def test_gain_and_time_constant_that_are_both_many_times_larger_leave_their_quotient() -> None:
+    """(1, 2) and (1000, 2000) differ by ln 1000 of each, and not at all in K/τ."""
+    place = Minimum(theta=np.array([1.0, 2.0]), predictions=(), cost=2.0, converged=True, status="")
+
+    found = other_minima(place, [(np.array([1000.0, 2000.0]), 2.0)], COVARIANCE, 500, (0, 1))
+
+    assert found is not None
+    quotient = np.array([1.0, -0.5])  # of relative changes
+    assert quotient @ found.covariance @ quotient == pytest.approx(0.0, abs=1e-12)
+    assert found.covariance[0, 0] == pytest.approx(0.5 * np.log(1000.0) ** 2)

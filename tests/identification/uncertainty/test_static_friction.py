@@ -91,3 +91,9 @@ def test_a_motor_that_slides_is_trusted_as_before() -> None:
     fit = fit_of_ramps(SLIDING)
 
     assert with_static_friction(fit) is fit
+
+
+def test_a_sequence_of_steps_has_no_slow_starts() -> None:
+    """Sampled so rarely that what moves by less than the noise of a moving shaft seems to rest between the steps."""
+    for seed in range(1, 11):
+        assert breakaway(dataset(seed=seed, kind="prbs", hold=10, samples=1000, sample_time=0.01)) is None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -18,6 +18,7 @@ _STEPS = 100
 _AGAIN = 4  # times
 _STEPS_TO_VALLEY = 25
 _AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
+_CLEARLY = 9.0  # of a residual's variance: a sum of squares that is lower by more isn't so by chance
 _SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
 _FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
 _VALLEYS = 2  # of the starts into curved valleys are followed to their ends
@@ -54,12 +55,30 @@ class CurvedValley(Protocol):
     """A structure whose sum of squares has a curved valley, and which knows how to get into it and how to follow it."""
 
     @property
+    def move_if_slow(self) -> Callable[[Array, Array], Array] | None:
+        """Where a change leads from a joint vector if the motor is slower than its input; None if the structure can't say."""
+        slow = as_protocol(self.structure, SlowMotor)
+        if slow is None:
+            return None
+        mean = float(np.mean(np.concatenate([record.u for record in self.data])))
+        return partial(slow.move_if_slow, mean_input=mean)
+
+    @property
     def held_at_first(self) -> NDArray[np.bool_]:
         """The parameters to hold while the others approach their values, (P,)."""
         ...
 
     def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from theta, both (P + ΣQ,): theta + change to first order."""
+        ...
+
+
+@runtime_checkable
+class SlowMotor(Protocol):
+    """A structure whose parameters lie along a curved valley where the input changes faster than the motor follows."""
+
+    def move_if_slow(self, theta: Array, change: Array, mean_input: float) -> Array:
+        """Return where a change leads from theta, both (P + ΣQ,), along that valley: theta + change to first order."""
         ...
 
 
@@ -103,6 +122,15 @@ class Layout:
     def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from a joint vector (P + ΣQ,), along the structure's valley where it knows one."""
         return self._curved.move(theta, change) if self._curved else theta + change
+
+    @property
+    def move_if_slow(self) -> Callable[[Array, Array], Array] | None:
+        """Where a change leads from a joint vector if the motor is slower than its input; None if the structure can't say."""
+        slow = as_protocol(self.structure, SlowMotor)
+        if slow is None:
+            return None
+        mean = float(np.mean(np.concatenate([record.u for record in self.data])))
+        return partial(slow.move_if_slow, mean_input=mean)
 
     @property
     def held_at_first(self) -> NDArray[np.bool_] | None:
@@ -167,6 +195,8 @@ def lowest(
     layout = Layout(structure, tuple(data))
     nearer = _in_the_valley(layout, starts, free)
     ends = [descent(layout, start, free) for start in nearer]
+    others = [(end.point.theta, end.point.cost) for end in ends if end.converged]
+    ends = [_settled(layout, end, free) for end in ends]
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
     # Of ends that are as good as each other, one where the search has settled.
     best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
@@ -187,8 +217,21 @@ def lowest(
         cost=cost,
         converged=best.converged,
         status=best.status,
-        others=tuple((end.point.theta, end.point.cost) for end in ends if end is not best and end.converged),
+        others=tuple(other for other in others if other[0] is not best.point.theta),
     )
+
+
+def _settled(layout: Layout, end: Descent, free: NDArray[np.bool_] | None) -> Descent:
+    """The end of a search, or where it leads in other coordinates if it hasn't settled and that explains clearly more.
+
+    Along a flat valley it would lead to parameters beyond all measure, which explain as much.
+    """
+    move = None if end.converged else layout.move_if_slow
+    if move is None:
+        return end
+    further = descent(layout, end.point.theta, free, move=move)
+    samples = sum(len(record.y) for record in layout.data)
+    return further if end.point.cost > further.point.cost * (1 + _CLEARLY / samples) else end
 
 
 def _in_the_valley(
@@ -214,14 +257,19 @@ def _in_the_valley(
 
 
 def descent(
-    layout: Layout, start: Array, free: NDArray[np.bool_] | None = None, steps: int = _STEPS
+    layout: Layout,
+    start: Array,
+    free: NDArray[np.bool_] | None = None,
+    steps: int = _STEPS,
+    move: Callable[[Array, Array], Array] | None = None,
 ) -> Descent:
     """Go from a start vector to a minimum of the sum of squared residuals; `free` (P + ΣQ,) says which entries may move (all).
 
     Levenberg (1944) and Marquardt (1963). The damping follows how well the quadratic model foretold the change of the cost: down
     to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them.
-    `start` (P + ΣQ,) is in the units of the parameters.
+    `start` (P + ΣQ,) is in the units of the parameters; `move` says where a change leads (`Layout.move`).
     """
+    move = move or layout.move
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
     point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
@@ -229,7 +277,7 @@ def descent(
         change = _damped_change(point, damping, lower, upper, moves)
         if change is None:
             return _end_descent(point, None, True, "every parameter is at a bound")
-        reached = np.minimum(np.maximum(layout.move(point.theta, change), lower), upper)
+        reached = np.minimum(np.maximum(move(point.theta, change), lower), upper)
         if _small(change, point, layout):
             return _end_descent(point, change, True, f"converged in {step} steps")
         trial = at(layout, reached)

@@ -8,7 +8,8 @@ over n samples are S₀ and S have the odds
     w = (S₀ / S)^(n/2)
 
 and the variance of their mixture has Σ w δ δ' / Σ w more than that of one of them, δ the way from it to the others (model
-averaging: Hoeting, Madigan, Raftery and Volinsky 1999).
+averaging: Hoeting, Madigan, Raftery and Volinsky 1999). Of gain and time constant it is the way of their logarithms: where both
+are many times larger at the other end of a valley, K/τ is what is known of them.
 """
 
 from __future__ import annotations
@@ -33,12 +34,13 @@ def other_minima(
     others: Sequence[tuple[Array, float]],
     covariance: Array,
     samples: int,
+    scales: Sequence[int] = (),
     prior: DelayPrior | None = None,
 ) -> Contribution | None:
     """Return the line for ends of a search (theta, cost) that explain n samples nearly as well as the place that is stated.
 
-    `covariance` (P, P) is that at the place. With a `prior` of the delay each has the odds of its own delay, too. None where
-    there are no such ends, or the data don't leave anything over.
+    `covariance` (P, P) is that at the place, `scales` are the indices of gain and time constant. With a `prior` of the delay each
+    has the odds of its own delay, too. None where there are no such ends, or the data don't leave anything over.
     """
     if not place.cost > 0:
         return None
@@ -48,7 +50,7 @@ def other_minima(
     weights: list[float] = []
     for theta, cost in others:
         odds = _odds(place, theta, cost, samples, prior)
-        way = (theta - place.theta)[:shared]
+        way = _way(place.theta[:shared], theta[:shared], scales)
         if odds < _UNLIKELY or not all(_apart(way - other, sd) for other in (np.zeros(shared), *ways)):
             continue
         ways.append(way)
@@ -59,6 +61,15 @@ def other_minima(
     added = (each.T * weights) @ each / (1.0 + sum(weights))
     reason = "a separate minimum explains the data nearly as well"
     return Contribution(source=SOURCE, covariance=added, reason=reason)
+
+
+def _way(one: Array, other: Array, scales: Sequence[int]) -> Array:
+    """The way (P,) from one minimum to another, of those parameters by their logarithms as long as they keep their sign."""
+    way = other - one
+    for n in scales:
+        if one[n] * other[n] > 0.0:
+            way[n] = one[n] * np.log(other[n] / one[n])
+    return way
 
 
 def _odds(place: Minimum, theta: Array, cost: float, samples: int, prior: DelayPrior | None) -> float:

@@ -138,7 +138,8 @@ def _roughly(
         findings=(*remarks(structure, data, minimum), *findings),
     )
     samples = sum(int(each.valid.sum()) for each in minimum.predictions)
-    apart = other_minima(minimum, ends, covariance, samples, prior)
+    scales = [n for n, each in enumerate(structure.parameters) if each.name in ("gain", "time_constant")]
+    apart = other_minima(minimum, ends, covariance, samples, scales, prior)
     return (fit.widen(apart) if apart else fit), minimum, used
 
 

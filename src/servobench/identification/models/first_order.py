@@ -10,6 +10,7 @@ way, the two can't be separated: one voltage stands for their sum, and holds the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -42,6 +43,7 @@ from servobench.systems.transfer_function import TransferFunction
 
 _SOME_FRICTION = 0.1  # of the largest input
 _NEARLY_ALL = 0.9  # of the largest input
+_SLOWEST = 0.2  # of 1/τ: to where one step may lower it
 # The place of each parameter in the kernel's vector (K, τ, u₀, u_c, d).
 _COLUMN = {"gain": 0, "time_constant": 1, "offset_voltage": 2, "coulomb_voltage": 3, "delay": 4}
 
@@ -186,6 +188,39 @@ class FirstOrder:
         """Whether a shaft at rest stays at rest with that input."""
         value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=True))
         return bool(abs(voltage - value.get("offset_voltage", 0.0)) <= max(value["coulomb_voltage"], 0.0))
+
+    def move_if_slow(self, theta: Array, change: Array, mean_input: float) -> Array:
+        """Return where a change leads from theta, both (P + ΣQ,), if the input changes faster than the motor follows.
+
+        Then the output is nearly linear in K/τ, 1/τ and the speed K (ū - u₀) under the mean input ū, and it's those that a
+        change moves to first order; u₀ is the offset, or the friction of a motor that turns one way. A 1/τ that would fall to
+        nothing is left to smaller steps.
+        """
+        reached = theta + change
+        gain, tau = (self.parameters.index(each) for each in (GAIN, TIME_CONSTANT))
+        k, rate = theta[gain], 1.0 / theta[tau]
+        slower = rate - change[tau] * rate**2
+        if slower < _SLOWEST * rate or k == 0.0:
+            return reached
+        reached[tau] = 1.0 / slower
+        reached[gain] = (k * rate + change[gain] * rate - k * change[tau] * rate**2) / slower
+        lost, sense = self._lost, math.copysign(1.0, mean_input) if self._brakes else 1.0
+        if lost is not None and reached[gain] != 0.0:
+            left = mean_input - sense * theta[lost]
+            speed = k * left + change[gain] * left - k * sense * change[lost]
+            reached[lost] = sense * (mean_input - speed / reached[gain])
+        return reached
+
+    @cached_property
+    def _lost(self) -> int | None:
+        """The place of the parameter that takes a constant from the input; None for a structure without one."""
+        constant = [each for each in (ONE_WAY, OFFSET, COULOMB) if each in self.parameters]
+        return self.parameters.index(constant[0]) if constant else None
+
+    @cached_property
+    def _brakes(self) -> bool:
+        """Whether that is friction, which acts against the motion."""
+        return self._lost is not None and self.parameters[self._lost] is COULOMB
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""

@@ -29,6 +29,7 @@ _STEPS = 1.5  # of the sensor, or times the noise: what a shaft at rest may seem
 _FAR = 16.0  # times that: how far a shaft goes that certainly runs
 _SLOWLY = 1.5  # a distance that grows as t³ or faster takes at least 1/1.5 of the time to 16 times itself to begin with
 _SUDDEN = 0.1  # of the input: how much it changes while a run starts, at most
+_JUMP = 0.6  # of the input at the start: what it changes by from one sample to the next before, at most
 _QUASI_STATIC = 0.95  # of the variance of the speed: what the law of slow motion has to explain
 _CLEARLY = 0.15  # of the input at the start: how much lower the stop is, at least
 _FEW = 2  # runs
@@ -156,6 +157,11 @@ def _slow_motion(data: Dataset, runs: Sequence[slice]) -> tuple[float, float, fl
     return float(np.sign(gain)), max(0.0, float(late / gain)), friction
 
 
+def _jumps(u: Array, start: float) -> bool:
+    """Whether an input (N,) jumps by more than a good part of the one at the start: no slow change leads up to that."""
+    return float(np.abs(np.diff(u)).max(initial=0.0)) > _JUMP * abs(start)
+
+
 def _ends(data: Dataset, run: slice, step: float, sense: float, lag: float) -> tuple[float, float]:
     """The input at the start, zero for a sudden one, and at the stop of a run."""
     t, u = data.t_output, data.input_at_output
@@ -168,5 +174,7 @@ def _ends(data: Dataset, run: slice, step: float, sense: float, lag: float) -> t
 
     late = (t[surely] - t[first]) / _SLOWLY + lag
     start, stop = before(first, late), before(run.stop - 1, lag)
-    sudden = float(turn * u[surely]) - start > _SUDDEN * start
+    sudden = float(turn * u[surely]) - start > _SUDDEN * start or _jumps(
+        u[max(0, first - _LONG) : surely], start
+    )
     return (0.0 if sudden else start), stop

@@ -102,7 +102,7 @@ def first_motion(data: Record) -> FirstMotion | None:
     if (
         not within > 0
         or np.abs(data.y[:samples] - middle).max() > within
-        or np.ptp(data.y) <= _CLEAR * within
+        or (not at_rest and np.ptp(data.y) <= _CLEAR * within)
     ):
         return None
     # As a shaft that is only seen to stand may run on so slowly that it goes unseen, what it would do then is no answer.
