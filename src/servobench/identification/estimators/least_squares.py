@@ -55,15 +55,6 @@ class CurvedValley(Protocol):
     """A structure whose sum of squares has a curved valley, and which knows how to get into it and how to follow it."""
 
     @property
-    def move_if_slow(self) -> Callable[[Array, Array], Array] | None:
-        """Where a change leads from a joint vector if the motor is slower than its input; None if the structure can't say."""
-        slow = as_protocol(self.structure, SlowMotor)
-        if slow is None:
-            return None
-        mean = float(np.mean(np.concatenate([record.u for record in self.data])))
-        return partial(slow.move_if_slow, mean_input=mean)
-
-    @property
     def held_at_first(self) -> NDArray[np.bool_]:
         """The parameters to hold while the others approach their values, (P,)."""
         ...
