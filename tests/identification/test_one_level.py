@@ -120,3 +120,17 @@ def test_a_gain_that_is_known_stands_in_the_equation() -> None:
     estimate = result.fit["gain"]
     shown = float(result.equation.partition("(s) = (")[2].partition(")")[0])
     assert abs(shown - estimate.value) < 0.05 * estimate.half_width  # rounded to two digits of it
+
+
+@pytest.mark.parametrize("rest", [False, True], ids=["nothing said", "rest"])
+def test_a_motor_under_one_negative_level_is_known_as_well_as_under_a_positive_one(rest: bool) -> None:
+    """Friction brakes: what it takes of -3 V is as much as of 3 V, the other way."""
+    data = replace(stepped(3.0), input_before=0.0, starts_at_rest=rest)
+    back = replace(data, u=-data.u, y=-data.y)
+
+    (there,), (again,) = (
+        [each for each in identify(one).combinations if each.name == "speed_at_level"] for one in (data, back)
+    )
+
+    assert again.estimate.value == pytest.approx(-there.estimate.value, rel=1e-3)
+    assert again.estimate.half_width == pytest.approx(there.estimate.half_width, rel=0.1)

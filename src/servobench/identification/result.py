@@ -372,8 +372,8 @@ class Result:
             )
         return self.fit
 
-    def _rows(self) -> list[tuple[str, str]]:
-        """Each parameter by its name for people, with its value and half of its 95 % interval, or what is known of it."""
+    def answer_rows(self) -> list[tuple[str, str]]:
+        """Return the words for each parameter and combination, and its value with half of its 95 % interval or what is known."""
         from servobench.core.rounding import rounded_interval
         from servobench.identification.uncertainty.status_text import in_words
 
@@ -387,7 +387,7 @@ class Result:
 
     def __str__(self) -> str:
         """The answer in lines: each parameter with half of its 95 % interval, the verdict, and the findings."""
-        lines = [f"{name:16} {value}" for name, value in self._rows()]
+        lines = [f"{name:16} {value}" for name, value in self.answer_rows()]
         if self.transfer_function is not None:
             lines.append(self.equation)
         lines += [self.good_for] if self.good_for else []
@@ -397,7 +397,7 @@ class Result:
 
     def __repr__(self) -> str:
         """The answer in one line: the verdict and each parameter."""
-        parts = [f"{name} {value}" for name, value in self._rows()]
+        parts = [f"{name} {value}" for name, value in self.answer_rows()]
         return f"<Result {self.verdict}: {', '.join(parts) or 'no model'}>"
 
     def _repr_html_(self) -> str:
@@ -405,7 +405,7 @@ class Result:
         sentences = [self.equation, f"{str(self.verdict).capitalize()}. {self.good_for}".strip()]
         sentences += [each.sentence for each in self.findings if each.severity is not Severity.INFO]
         image = notebook.picture(self.fit) if self.fit else ""
-        return notebook.answer(self._rows(), filter(None, sentences), image)
+        return notebook.answer(self.answer_rows(), filter(None, sentences), image)
 
     def to_dict(self, *, derived: bool = True) -> dict[str, Any]:
         """Return the result as plain data of the schema `servobench.result/2`; numbers are finite or None.

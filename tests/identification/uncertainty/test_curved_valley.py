@@ -75,7 +75,7 @@ def test_nothing_is_added_where_the_time_constant_is_known() -> None:
 
 
 def test_the_line_says_what_it_is_for() -> None:
-    (line,) = with_curved_valley(fitted(sine(3))).budget
+    line = with_curved_valley(fitted(sine(3))).budget[-1]
 
     assert line.source == SOURCE
     assert "shorter time constants" in line.reason

@@ -41,6 +41,7 @@ from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import beside_torque, score_terms
 from servobench.identification.trust.validation import explains_the_colour
+from servobench.identification.uncertainty.identifiability import drive_level
 from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -199,6 +200,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead.
     drifts = not late or not is_usual(with_rest) or with_rest.residual_sd > _AS_GOOD * one_way.residual_sd
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
+    worth = worth or (any(record.starts_at_rest for record in data) and _drives(one_way))
     if not with_rest.converged or not worth:
         return replace(simple, fits=fits)
     sentence = "The motor stands still in part of the record, so the model has friction that holds the shaft."
@@ -206,6 +208,12 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     if float(with_it) > float(without):
         sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
     return _Base(fit=with_rest, findings=(info(_REST, sentence, parameters=("coulomb_voltage",)),), fits=fits)
+
+
+def _drives(one_way: Fit) -> bool:
+    """Whether what a motor loses would drive it, or be more than its input: no shaft that is said to rest has that."""
+    level, lost = drive_level(one_way), one_way.model["coulomb_voltage"]
+    return not 0.0 <= lost * np.sign(level) < abs(level)
 
 
 def _stands(data: Sequence[Dataset]) -> bool:

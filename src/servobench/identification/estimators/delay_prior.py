@@ -199,6 +199,7 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     Its interval is left to the table of parameters: what is allowed for later, such as a model's error, is part of it.
     """
     value = float(minimum.theta[prior.at])
+    taken = f"about {with_unit(value, 's', 2)}" if value > 0 else "none"
     usual = abs(value - prior.middle) <= prior.scale
     why = (
         "as is usual in control loops" if usual else "which fits best, though few loops have so long a delay"
@@ -206,7 +207,7 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     return info(
         CODE,
         f"These data can't separate the delay from friction and the time constant. It is taken as "
-        f"about {with_unit(value, 's', 2)}, {why}, and the other intervals allow for that; sample a step from rest faster to "
+        f"{taken}, {why}, and the other intervals allow for that; sample a step from rest faster to "
         "measure it.",
         parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )

@@ -186,8 +186,9 @@ def lowest(
     layout = Layout(structure, tuple(data))
     nearer = _in_the_valley(layout, starts, free)
     ends = [descent(layout, start, free) for start in nearer]
-    others = [(end.point.theta, end.point.cost) for end in ends if end.converged]
-    ends = [_settled(layout, end, free) for end in ends]
+    others = [(end.point.theta, end.point.cost) for end in ends]
+    if free is None:
+        ends = [_settled(layout, end) for end in ends]
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
     # Of ends that are as good as each other, one where the search has settled.
     best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
@@ -212,7 +213,7 @@ def lowest(
     )
 
 
-def _settled(layout: Layout, end: Descent, free: NDArray[np.bool_] | None) -> Descent:
+def _settled(layout: Layout, end: Descent) -> Descent:
     """The end of a search, or where it leads in other coordinates if it hasn't settled and that explains clearly more.
 
     Along a flat valley it would lead to parameters beyond all measure, which explain as much.
@@ -220,7 +221,7 @@ def _settled(layout: Layout, end: Descent, free: NDArray[np.bool_] | None) -> De
     move = None if end.converged else layout.move_if_slow
     if move is None:
         return end
-    further = descent(layout, end.point.theta, free, move=move)
+    further = descent(layout, end.point.theta, move=move)
     samples = sum(len(record.y) for record in layout.data)
     return further if end.point.cost > further.point.cost * (1 + _CLEARLY / samples) else end
 

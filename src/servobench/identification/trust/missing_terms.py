@@ -21,6 +21,7 @@ from servobench.identification.estimators.prediction_error import (
     disturbance_test,
     with_innovations,
 )
+from servobench.identification.models.nonlinear.structure import STRIBECK
 from servobench.identification.models.rational import Rational
 from servobench.identification.trust.validation import explains_the_colour
 from servobench.identification.uncertainty.score_test import ASKED, ScoreTest, Term, TermScore, size_beside
@@ -37,6 +38,9 @@ def _of_input(shown: TermScore, what: str, times: float = 1.0) -> str:
 
 
 def _stribeck_sized(shown: TermScore) -> str:
+    """Nothing of a model that has such a friction already: it has another course, and more or less of it says nothing."""
+    if STRIBECK.name in shown.fit.model.names:
+        return ""
     return _of_input(shown, f"{'more' if shown.amount[0] > 0 else 'less'} at rest than at speed")
 
 

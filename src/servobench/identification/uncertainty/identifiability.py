@@ -191,7 +191,7 @@ def _drive(fit: Fit) -> Combination | None:
         left = level - value[lost[0]] * sense
         return value["gain"] * left, {"gain": left, lost[0]: -value["gain"] * sense}
 
-    sense = _sense_of_friction(fit, level)
+    sense = sense_of_friction(fit, level)
     meaning = f"speed at {_level_in_words(level, data.input_unit)}"
     unit = f"{data.position_unit}/s"
     found = _combine(fit, "speed_at_level", meaning, ("gain", lost[0]), unit, speed)
@@ -229,7 +229,7 @@ def _acceleration_at_level(fit: Fit) -> Combination | None:
     if not {"gain", "time_constant"} <= set(fit.model.names) or len(lost) != 1:
         return None
     data, level = fit.records[0].data, drive_level(fit)
-    sense = _sense_of_friction(fit, level)
+    sense = sense_of_friction(fit, level)
 
     def slope(value: Mapping[str, float]) -> tuple[float, dict[str, float]]:
         k, tau, left = value["gain"], value["time_constant"], level - value[lost[0]] * sense
@@ -249,9 +249,9 @@ def _level_in_words(level: float, unit: str) -> str:
     return plain(level) if unit == "1" else f"{plain(level)} {unit}"
 
 
-def _sense_of_friction(fit: Fit, level: float) -> float:
-    """The sign of what friction takes of a level: of a motor that turns one way it is that of its own parameter."""
-    return float(np.sign(level)) if fit.model.structure.friction and "one_way" not in fit.structure else 1.0
+def sense_of_friction(fit: Fit, level: float) -> float:
+    """Return the sign of what friction takes of a level: where it doesn't brake but is a constant, the parameter has its own."""
+    return float(np.sign(level)) if fit.model.structure.friction else 1.0
 
 
 def _combine(

@@ -13,7 +13,7 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.level import single_level
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
-from servobench.identification.uncertainty.identifiability import drive_level
+from servobench.identification.uncertainty.identifiability import drive_level, sense_of_friction
 from servobench.recordings.measurement.dataset import Dataset
 
 _ANY_SPLIT = 3.0  # times its value: the standard deviation of a gain that nothing tells
@@ -50,7 +50,7 @@ def widen_for_gain_friction_split(fit: Fit) -> Fit:
     gain, level = fit.model["gain"], drive_level(fit)
     split = np.zeros(len(fit.model.names))
     split[fit.model.names.index("gain")] = gain
-    split[fit.model.names.index(friction)] = level - fit.model[friction]
+    split[fit.model.names.index(friction)] = sense_of_friction(fit, level) * level - fit.model[friction]
     reason = (
         "the motor moved under one level of the input only: every gain, with a friction "
         "to match, gives the same speed"
