@@ -120,3 +120,19 @@ def test_what_was_done_before_an_interrupt_is_kept_and_said(
     (whole,) = (tmp_path / "out").iterdir()
     assert (whole / "result.json").exists()
     assert (whole / "report.html").exists()
+
+
+def test_a_line_says_what_is_known_and_prints_no_number_for_what_is_not(
+    servobench: Command, tmp_path: Path
+) -> None:
+    """One step from rest: the speed at its level, and not how gain and friction share it."""
+    t = np.arange(0, 2, 0.005)
+    speed = np.round(20.0 * -np.expm1(-t / 0.1), 2)
+    rows = "".join(f"{x:.3f},1,{w:.2f}\n" for x, w in zip(t, speed, strict=True))
+    (tmp_path / "step.csv").write_text(f"t,voltage,speed\n{rows}", encoding="utf-8")
+
+    ended = servobench("identify", tmp_path / "step.csv", *COLUMNS, "--starts-at-rest", "--each")
+
+    assert ended.status == 0, ended.err
+    assert "gain known together only" in ended.err + ended.out
+    assert "speed at 1 V 20.0 ±" in ended.err + ended.out
