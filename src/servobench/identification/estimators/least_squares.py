@@ -188,7 +188,7 @@ def lowest(
     ends = [descent(layout, start, free) for start in nearer]
     others = [(end.point.theta, end.point.cost) for end in ends]
     if free is None:
-        ends = [_settled(layout, end) for end in ends]
+        ends = [_settle(layout, end) for end in ends]
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
     # Of ends that are as good as each other, one where the search has settled.
     best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
@@ -213,7 +213,7 @@ def lowest(
     )
 
 
-def _settled(layout: Layout, end: Descent) -> Descent:
+def _settle(layout: Layout, end: Descent) -> Descent:
     """The end of a search, or where it leads in other coordinates if it hasn't settled and that explains clearly more.
 
     Along a flat valley it would lead to parameters beyond all measure, which explain as much.

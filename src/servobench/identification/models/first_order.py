@@ -109,12 +109,12 @@ class FirstOrder:
         Where friction holds the shaft for long, one is that of an input that lacks what friction takes; where least squares makes
         all frictions negative, from which a search wouldn't come back, one has a friction that is none of theirs.
         """
-        from servobench.identification.models.search import is_held, separable_guesses
+        from servobench.identification.models.search import guess_with_delay, is_held, separable_guesses
 
         guesses = separable_guesses(self, data)
-        found = [guess for _, guess in guesses]
+        found, late = [guess for _, guess in guesses], guess_with_delay(self, data, guesses[0][0])
         if not self.friction:
-            return tuple(found)
+            return (*found, *late)
         if is_held(data):
             found += self._guess_dead_zone(data, guesses[0][0])
         # Under one level friction may be anything, and a search from nearly all of the level stays there.
@@ -123,7 +123,7 @@ class FirstOrder:
             found.append(self._guess_some_friction(data))
         return tuple(
             guess
-            for moving in found
+            for moving in (*found, *late)
             for guess in beside_rest(moving, self._still(moving, data), self._friction_speed(moving))
         )
 

@@ -118,6 +118,21 @@ def separable_guesses(structure: Separable, data: Sequence[Dataset]) -> list[tup
     ]
 
 
+def guess_with_delay(structure: Separable, data: Sequence[Dataset], lowest: float) -> list[Array]:
+    """Return the best guess of a grid over τ and d, where that without a delay (at a cost `lowest`) leaves much and this less.
+
+    Where an input changes within a time constant, a motor that lags by a period less lies in a valley without a delay.
+    """
+    if lowest <= _NEARLY_ALL * sum(_variation(record.y) for record in data):
+        return []
+    records = [_record(structure, record) for record in data]
+    step, points = max(record.sample_time for record in data), _on_a_grid(data)
+    trials = _trials(structure, records, _with_delays(points, step))
+    best = trials.one(int(np.argmin(trials.costs)))
+    late = _refine(structure, records, best, step, points[1, 0] / points[0, 0])
+    return [_vector(structure, records, late, 0.0)] if late.cost < lowest else []
+
+
 def _search(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Record], list[_Trial]]:
     """The records, and the best trial of each valley along τ, the lowest first."""
     for record in data:
@@ -128,12 +143,6 @@ def _search(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Record
     trials = _trials(structure, records, points)
     found = [_refine(structure, records, trial, step, ratio) for trial in _valleys(trials)]
     found.sort(key=lambda trial: trial.cost)
-    if found and found[0].cost > _NEARLY_ALL * sum(_variation(record.y) for record in data):
-        # Where an input changes within a time constant, a motor that lags by a period less lies in a valley without a delay.
-        later = _trials(structure, records, _with_delays(points, step))
-        late = _refine(structure, records, later.one(int(np.argmin(later.costs))), step, ratio)
-        if late.cost < found[0].cost:
-            found = [late, *found]
     if not found or not np.isfinite(found[0].cost):
         raise NotIdentifiable("no first-order model fits these data; look at them with `servobench inspect`")
     return records, found

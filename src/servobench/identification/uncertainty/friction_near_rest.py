@@ -3,7 +3,8 @@
 Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain and friction. The
 excess falls to nothing within a tenth of the largest speed, or within a fifth or a third of it where that is low, and is at most
 half of the Coulomb friction. What it does to the output is exact (`models.near_rest`), how large it is as of any term that a
-motor may have (`possible_term`).
+motor may have (`possible_term`). Where a random torque stands for something that depends on the motion (`systematic_torque`), the
+data are no judge of its course.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.base import Structure
 from servobench.identification.uncertainty import possible_term
 from servobench.identification.uncertainty.score_test import ScoreTest, in_innovations
+from servobench.identification.uncertainty.systematic_torque import systematic_share
 from servobench.recordings.measurement.dataset import Dataset
 
 SOURCE: Final = "friction near rest"
@@ -65,7 +67,8 @@ def excess_covariance(fit: Fit) -> Array:
         return none
     both = zip(fit.records, errors, strict=True)
     columns = np.concatenate([in_innovations(fit, record, each) for record, each in both])
-    return possible_term.possible_covariance(ScoreTest(fit, 1.0), *(_LARGEST * columns.T))
+    doubt = systematic_share(fit)
+    return possible_term.possible_covariance(ScoreTest(fit, 1.0), *(_LARGEST * columns.T), doubt=doubt)
 
 
 def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence[Dataset]) -> list[Array]:

@@ -39,6 +39,7 @@ from servobench.identification.uncertainty.score_test import (
     in_innovations,
     innovations_and_jacobian,
 )
+from servobench.identification.uncertainty.systematic_torque import systematic_share
 from servobench.identification.uncertainty.weak_priors import root_of_covariance
 
 _EXPERIENCE = f"{RECORDINGS} recordings of {MOTORS} motors"
@@ -151,14 +152,14 @@ def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
 
 
 def _evident(fit: Fit, ratio: float, events: float) -> float:
-    """The strength of a residual's evidence against the model (0 to 1): its long-run variance is large, or it follows the
-    input.
+    """The strength of a residual's evidence against the model (0 to 1): its long-run variance is large, it follows the input, or
+    the torque that it was taken for depends on the motion.
     """
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
     if not counted and max(input_correlation(record) for record in fit.records) > TIED:
         return 1.0
     noticed, plain = _EVIDENT[events >= _SEVERAL]
-    return float(np.clip((ratio - noticed) / (plain - noticed), 0.0, 1.0))
+    return max(float(np.clip((ratio - noticed) / (plain - noticed), 0.0, 1.0)), systematic_share(fit))
 
 
 def _experience(events: float) -> Experience:

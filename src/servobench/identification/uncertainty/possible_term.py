@@ -27,18 +27,22 @@ BEFORE: Final = float(np.sqrt((1.0 - _NONE) * np.mean(_SIZES**2)))
 _NOTHING = 1e-20  # of a column's power: what is left of one that the Jacobian explains is rounding error
 
 
-def possible_covariance(test: ScoreTest, *forms: Array) -> Array:
-    """Return the covariance (P, P) added by a term; its possible `forms` (N,) are what the innovations have of the largest."""
+def possible_covariance(test: ScoreTest, *forms: Array, doubt: float = 0.0) -> Array:
+    """Return the covariance (P, P) added by a term; its possible `forms` (N,) are what the innovations have of the largest.
+
+    With `doubt` (0 to 1) the innovations are no judge of it, and there is such a term: 1 leaves all sizes alike.
+    """
     shared = len(test.fit.model.theta)
     rests = [(column, column - test.basis @ (test.basis.T @ column)) for column in forms]
     seen = [(c, rest) for c, rest in rests if float(rest @ rest) > _NOTHING * float(c @ c)]
     added = np.zeros((shared, shared))
     if not seen:
         return added
-    logarithms = np.array([_log_likelihood(rest, test.innovations) for _, rest in seen])
+    none = (1.0 - doubt) * _NONE
+    logarithms = (1.0 - doubt) * np.array([_log_likelihood(rest, test.innovations) for _, rest in seen])
     highest = float(logarithms.max())
-    likely = (1.0 - _NONE) / logarithms.size * np.exp(logarithms - highest)
-    likely /= _NONE * np.exp(-highest) + float(likely.sum())
+    likely = (1.0 - none) / logarithms.size * np.exp(logarithms - highest)
+    likely /= none * np.exp(-highest) + float(likely.sum())
     for (column, _), each in zip(seen, likely, strict=True):
         off = test.joint_shift(column)[:shared]
         added += float(each @ _SIZES**2) * np.outer(off, off)

@@ -46,7 +46,7 @@ def with_small_departures(fit: Fit) -> Fit:
     warming = _WARMER / SMALL * _columns(test, _warming(fit.model["gain"], largest))
     lines = [(warming, "a motor that warms up", "the winding may become warmer by 25 K within the record")]
     if _sizes_differ(fit, largest):
-        lost = _BAND / SMALL * _columns(test, _losing(fit))
+        lost = _BAND / SMALL * _columns(test, _dead_band(fit))
         lines.append(
             (lost, "a dead band", "the amplifier may lose up to 5 % of the largest input about zero")
         )
@@ -90,15 +90,15 @@ def _sizes_differ(fit: Fit, largest: float) -> bool:
     return bool(((sizes > 0.0) & (sizes < 1.0 - _ONE_SIZE)).any())
 
 
-def _losing(fit: Fit) -> Term:
+def _dead_band(fit: Fit) -> Term:
     """The input taken by a dead band, in parts of its width, beyond what a Coulomb voltage as large takes where there is one."""
     friction = float(np.sign(fit.model["gain"])) if "coulomb_voltage" in fit.model.names else 0.0
 
-    def lost(motion: Motion) -> tuple[Array, ...]:
+    def loss(motion: Motion) -> tuple[Array, ...]:
         band = -np.clip(motion.input / _TYPICAL_BAND, -1.0, 1.0)
         return (band + friction * np.sign(motion.speed),)
 
-    return Term(code="dead-zone", name="a dead band", sentence="", to_input=lost)
+    return Term(code="dead-zone", name="a dead band", sentence="", to_input=loss)
 
 
 _PLAYING = Term(code="backlash", name="play", sentence="", to_output=_behind_a_gap)

@@ -245,8 +245,11 @@ class NonlinearMotor:
         """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
         if not self.friction:
             return np.ones(len(data.y))
-        speed, _ = self.response(theta, data, "speed", data.t_output, derivatives=False)
-        return np.asarray(speed != 0, dtype=np.float64)
+        return np.asarray(self.speed(theta, data) != 0, dtype=np.float64)
+
+    def speed(self, theta: Array, data: Dataset) -> Array:
+        """Return the shaft's speed (M,) at the samples, for theta (P + Q,)."""
+        return self.response(theta, data, "speed", data.t_output, derivatives=False)[0]
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return nothing, (M, 0): what a lag in place of the delay does is a line of the budget (`uncertainty.one_lag`)."""
