@@ -6,7 +6,7 @@ are summed over samples of like speed, direction, and sense of the acceleration;
 
     χ² = Σ (Σ e)² / (n σ²)   over B such groups of n samples
 
-is B ± √(2B). What depends on speed or direction adds up in each group, and χ² grows with the length of the record.
+is B ± √(2B) (Pearson 1900). What depends on speed or direction adds up in each group, and χ² grows with the length of the record.
 """
 
 from __future__ import annotations
