@@ -118,7 +118,10 @@ class FirstOrder:
         if is_held(data):
             found += self._guess_dead_zone(data, guesses[0][0])
         # Under one level friction may be anything, and a search from nearly all of the level stays there.
-        found = [guess for guess in found if self._friction_share(guess, data) < _NEARLY_ALL]
+        found, late = (
+            [guess for guess in each if self._friction_share(guess, data) < _NEARLY_ALL]
+            for each in (found, late)
+        )
         if all(self._friction_share(guess, data) <= 0.0 for guess in found):
             found.append(self._guess_some_friction(data))
         return tuple(
