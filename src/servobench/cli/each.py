@@ -114,13 +114,13 @@ def _in_a_line(result: Result) -> str:
     if result.verdict == "refused" or result.fit is None:
         reasons = [each.sentence for each in result.findings if each.severity is Severity.REFUSAL]
         return "; ".join([*parts, *reasons[:1]])
-    told = [
+    names = [
         parameter_in_words(name, estimate.unit)
         for name, estimate in result.fit.estimates.items()
         if name in _IN_A_LINE
     ]
-    told += [each.meaning for each in result.combinations]
-    return ", ".join([*parts, *(f"{name} {value}" for name, value in result.answer_rows() if name in told)])
+    names += [each.meaning for each in result.combinations]
+    return ", ".join([*parts, *(f"{name} {value}" for name, value in result.answer_rows() if name in names)])
 
 
 def _names_of_their_own(files: Sequence[Path]) -> list[str]:

@@ -211,7 +211,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
 
 
 def _drives(one_way: Fit) -> bool:
-    """Whether what a motor loses would drive it, or be more than its input: no shaft that is said to rest has that."""
+    """Whether the constant that a motor loses would drive it, or exceeds its input: neither would let a shaft rest."""
     level, lost = drive_level(one_way), one_way.model["coulomb_voltage"]
     return not 0.0 <= lost * np.sign(level) < abs(level)
 

@@ -114,7 +114,7 @@ def _is_as_good(data: Sequence[Dataset], one: Minimum, best: Minimum) -> bool:
     """Whether a place explains counts as well as the best one, but for rounding that lasts.
 
     While a shaft stands or sets off slowly its reading is off by the same amount for many samples. With a delay that stands for
-    friction a model may creep there, and follow that: evidence of as many errors, where there is one.
+    friction a model may creep there, and follow that. It is a single error, and counts as many in the sum of squares.
     """
     if not all(record.quantum for record in data):
         return False
@@ -124,7 +124,7 @@ def _is_as_good(data: Sequence[Dataset], one: Minimum, best: Minimum) -> bool:
 
 
 def _cost_beside_rest(record: Dataset, prediction: Prediction) -> float:
-    """The sum of squares of a record whose first rest and what follows may be apart by the rounding of that rest."""
+    """The sum of squares of a record, without the rounding of its first rest: a constant of up to half a count."""
     residual = jacobian_and_residual(record, prediction)[1]
     first = record.first_motion
     if first is None or not prediction.valid.all():

@@ -29,8 +29,8 @@ _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing tha
 class Minimum:
     """The end of a search: the joint vector `theta` (P + ΣQ,), the predictions of all records there, the sum of squares `cost`.
 
-    `converged` says whether it came to a minimum, `status` in words how it ended. `others` are the minima that other starts led
-    to, with the sum of squares of each.
+    `converged` says whether it came to a minimum, `status` in words how it ended. `others` are the ends that other starts led to,
+    settled or not, with the sum of squares of each.
     """
 
     theta: Array
@@ -69,7 +69,10 @@ class SlowMotor(Protocol):
     """A structure whose parameters lie along a curved valley where the input changes faster than the motor follows."""
 
     def move_if_slow(self, theta: Array, change: Array, mean_input: float) -> Array:
-        """Return where a change leads from theta, both (P + ΣQ,), along that valley: theta + change to first order."""
+        """Return where a change leads from theta, both (P + ΣQ,), along that valley: theta + change to first order.
+
+        `mean_input` is the mean of the records' inputs [input unit].
+        """
         ...
 
 

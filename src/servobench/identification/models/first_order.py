@@ -195,9 +195,9 @@ class FirstOrder:
     def move_if_slow(self, theta: Array, change: Array, mean_input: float) -> Array:
         """Return where a change leads from theta, both (P + ΣQ,), if the input changes faster than the motor follows.
 
-        Then the output is nearly linear in K/τ, 1/τ and the speed K (ū - u₀) under the mean input ū, and it's those that a
-        change moves to first order; u₀ is the offset, or the friction of a motor that turns one way. A 1/τ that would fall to
-        nothing is left to smaller steps.
+        Then the output is nearly linear in K/τ, 1/τ and the speed K (ū - u₀) under the mean input ū [input unit], so a change
+        moves those to first order. u₀ is the offset, or the friction of a motor that turns one way. Where 1/τ would fall below a
+        fifth, theta + change is returned.
         """
         reached = theta + change
         gain, tau = (self.parameters.index(each) for each in (GAIN, TIME_CONSTANT))

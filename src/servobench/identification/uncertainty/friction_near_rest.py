@@ -20,7 +20,7 @@ from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.base import Structure
 from servobench.identification.uncertainty import possible_term
 from servobench.identification.uncertainty.score_test import ScoreTest, in_innovations
-from servobench.identification.uncertainty.systematic_torque import systematic_share
+from servobench.identification.uncertainty.systematic_torque import Moving, systematic_share
 from servobench.recordings.measurement.dataset import Dataset
 
 SOURCE: Final = "friction near rest"
@@ -31,15 +31,11 @@ BEFORE: Final = possible_term.BEFORE * _LARGEST
 
 
 @runtime_checkable
-class ExcessFriction(Protocol):
+class ExcessFriction(Moving, Protocol):
     """A structure that knows what more friction near rest would do."""
 
     def by_excess_friction(self, theta: Array, data: Dataset, width: float) -> Array:
         """Return the derivative of the prediction (M,) by a volt more at rest, which falls to nothing at the speed `width`."""
-        ...
-
-    def speed(self, theta: Array, data: Dataset) -> Array:
-        """Return the shaft's speed (M,) at the samples."""
         ...
 
 

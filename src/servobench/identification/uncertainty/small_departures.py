@@ -26,11 +26,9 @@ from servobench.identification.uncertainty.score_test import SMALL, Motion, Scor
 _WARMER = 0.1  # of the resistance, over a record: 25 K
 _PLAY = float(np.deg2rad(0.5))  # rad, of a gear
 _BAND = 0.05  # of the largest input: the widest dead band to either side
-_TYPICAL_BAND = (
-    0.03  # of it: what it does isn't in proportion to its width, and counts as that of one so wide
-)
+_TYPICAL_BAND = 0.03  # of the largest input: whose effect counts, as that isn't in proportion to the width
 _ONE_SIZE = 0.03  # of the largest input: sizes that lie nearer than that are one
-_TYPICAL = 0.5  # of the largest play: likewise
+_TYPICAL = 0.5  # of the largest play, for the same reason
 
 
 def with_small_departures(fit: Fit) -> Fit:

@@ -29,7 +29,9 @@ _STEPS = 1.5  # of the sensor, or times the noise: what a shaft at rest may seem
 _FAR = 16.0  # times that: how far a shaft goes that certainly runs
 _SLOWLY = 1.5  # a distance that grows as t³ or faster takes at least 1/1.5 of the time to 16 times itself to begin with
 _SUDDEN = 0.1  # of the input: how much it changes while a run starts, at most
-_JUMP = 0.6  # of the input at the start: what it changes by from one sample to the next before, at most
+_JUMP = (
+    0.6  # of the input at the start: a change from one sample to the next before it that is larger is a jump
+)
 _QUASI_STATIC = 0.95  # of the variance of the speed: what the law of slow motion has to explain
 _CLEARLY = 0.15  # of the input at the start: how much lower the stop is, at least
 _FEW = 2  # runs
@@ -158,7 +160,7 @@ def _slow_motion(data: Dataset, runs: Sequence[slice]) -> tuple[float, float, fl
 
 
 def _jumps(u: Array, start: float) -> bool:
-    """Whether an input (N,) jumps by more than a good part of the one at the start: no slow change leads up to that."""
+    """Whether an input (N,) jumps by a good part of its value at the start [input unit], which no slow change does."""
     return float(np.abs(np.diff(u)).max(initial=0.0)) > _JUMP * abs(start)
 
 
@@ -174,7 +176,6 @@ def _ends(data: Dataset, run: slice, step: float, sense: float, lag: float) -> t
 
     late = (t[surely] - t[first]) / _SLOWLY + lag
     start, stop = before(first, late), before(run.stop - 1, lag)
-    sudden = float(turn * u[surely]) - start > _SUDDEN * start or _jumps(
-        u[max(0, first - _LONG) : surely], start
-    )
+    sudden = float(turn * u[surely]) - start > _SUDDEN * start
+    sudden |= _jumps(u[max(0, first - _LONG) : surely], start)
     return (0.0 if sudden else start), stop

@@ -29,7 +29,7 @@ class Moving(Protocol):
     """A structure that knows how fast the shaft is."""
 
     def speed(self, theta: Array, data: Dataset) -> Array:
-        """Return the shaft's speed (M,) at the samples for a vector (P + Q,)."""
+        """Return the shaft's speed (M,) at the samples [position unit/s] for a vector (P + Q,)."""
         ...
 
 

@@ -9,7 +9,9 @@ parameters: the scheme applied to the variational equations is the exact derivat
 shortest time in which anything changes: τ, the growth that falling friction gives, the pendulum's own frequency, the speed as
 the rate of sin θ, and the time in which the speed changes by ω_s. One step's error is then below 0.1⁵/120, 1e-7 of what
 changes. Small effects allow longer steps: the swing of a fast shaft under gravity is σ = K g (1 + μ)/(τ ω²) of a radian, so a
-step may be σ^(-1/5) times as long, up to four times, for the same error of the angle.
+step may be σ^(-1/5) times as long, up to four times, for the same error of the angle. Without gravity, let the speed be within σ
+of its final value, relative to the highest speed so far: a step may be σ^(-1/5) times as long, up to ten times, where the scheme
+is still stable. Otherwise time constants below a sample time would take most of a search's time.
 
 A stop is where ω, continued with the same sign, is zero; Newton's method on the length of the last step finds it. The angle at
 which gravity changes sign, where load-dependent friction has a kink, is found in the same way. `models.kernels` explains the
@@ -54,7 +56,9 @@ STAGE = 18
 
 _STEP = 0.1  # of the shortest time in which anything changes
 _LONGER = 4.0  # times as long may a step be beside the turning of a shaft that gravity hardly moves
-_LONGEST = 10.0  # times as long may it be of a speed that has settled: to 1.0 of the time constant; unstable from 2.78 on
+_LONGEST = (
+    10.0  # times as long may it be once the speed has settled: one time constant, and 2.78 would be unstable
+)
 _MOST = 100  # steps between two events, for parameters that no motor has
 _ENDLESS = (
     20 * _MOST
