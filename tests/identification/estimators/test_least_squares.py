@@ -93,6 +93,20 @@ def test_a_step_in_the_coordinates_of_a_slow_motor_is_the_change_to_first_order(
     assert slope[0] == pytest.approx(slope[1])
 
 
+def test_a_step_in_the_coordinates_of_a_slow_motor_leaves_alone_what_is_held_and_is_no_leap() -> None:
+    structure = STRUCTURES["first_order_one_way"]
+    theta, change = np.array([50.0, 0.2, 0.3, 0.01, 1.0, 2.0]), np.array([5.0, 0.03, 0.05, 0.002, 0.1, 0.2])
+    for held in (0, 2):
+        part = np.where(np.arange(len(theta)) == held, 0.0, change)
+        assert structure.move_if_slow(theta, part, 1.5)[held] == theta[held]
+
+    far = structure.move_if_slow(theta, np.array([0.0, 10.0, 0.0, 0.0, 1.0, 0.0]), 1.5)
+
+    # 1/τ falls to a fifth, which 0.16 s of the 10 s are to first order; the start angle goes as much of its way.
+    assert far[1] == pytest.approx(5 * 0.2)
+    assert far[4] == pytest.approx(1.0 + 0.016)
+
+
 def one_square(late: float) -> Dataset:
     """Counts under a square wave of half a period in 0.6 time constants, that reverses as the record begins.
 

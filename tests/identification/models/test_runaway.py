@@ -25,6 +25,24 @@ def test_a_motor_that_runs_away_is_infinitely_far_off() -> None:
     assert not np.isnan(prediction.y).any()
 
 
+def test_a_pendulum_that_swings_thousands_of_times_between_samples_is_infinitely_far_off() -> None:
+    """At √(K u_gs/τ) = 1e6 rad/s and 2 ms a sample each would take thousands of steps: no motor, and seconds for a prediction."""
+    structure = STRUCTURES["first_order_coulomb_gravity"]
+    data = dataset(seed=1, samples=500)
+    value = {parameter.name: 0.0 for parameter in structure.parameters}
+    value |= {
+        "gain": 8e6,
+        "time_constant": 4e-4,
+        "gravity_voltage_sine": 78.0,
+        "gravity_voltage_cosine": 39.0,
+    }
+
+    prediction = structure.predict(np.array([*value.values(), 2.4, 1e5]), data)
+
+    assert np.isfinite(prediction.y[10])
+    assert np.isinf(prediction.y[-1])
+
+
 def test_sensitivities_beyond_all_numbers_pass_a_chain_without_a_warning() -> None:
     """A search takes such a place for infinitely bad; a warning of NumPy's would reach whoever reads the terminal."""
     data = dataset(seed=1, samples=100, chain="derivative")

@@ -47,3 +47,19 @@ def test_a_record_of_the_kind_that_it_is_said_to_be_is_left_alone() -> None:
     position = dataset(seed=1, samples=2000)
 
     assert not told(identify(position))
+
+
+def test_what_no_guess_comes_near_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under one level gain and friction aren't known apart, so the kind is in question; a search for a speed would take long."""
+    from servobench.identification.trust.doubts import kind
+
+    def search(*_: object) -> None:
+        raise AssertionError("it searched")
+
+    monkeypatch.setattr(kind, "lowest", search)
+    one_level = dataset(seed=1, samples=1000, u=np.full(1000, 3.0))
+
+    result = identify(one_level)
+
+    assert result.answers["gain"].state.value != "known"
+    assert not told(result)

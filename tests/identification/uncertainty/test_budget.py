@@ -47,6 +47,25 @@ def test_an_interval_that_is_uneven_keeps_its_shape_and_grows_on_both_sides() ->
     assert high - value == pytest.approx(0.004 * np.sqrt(2))
 
 
+def test_no_interval_goes_beyond_what_can_be() -> None:
+    """A time constant is positive, and the shaft moved within a few samples of the step: that is the latest its delay ends."""
+    u = np.where(np.arange(2500) < 250, 0.0, 3.0)
+    data = dataset(seed=1, samples=2500, u=u)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+    assert data.first_motion is not None
+    wider = (
+        fit.widen(line(fit, "delay", 10.0))
+        .widen(line(fit, "time_constant", 10.0))
+        .widen(line(fit, "gain", 1e3))
+    )
+
+    assert wider["time_constant"].interval[0] == 0.0
+    assert wider["time_constant"].interval[1] > 10.0
+    latest = data.first_motion.effect - data.first_motion.cause + 0.002
+    assert wider["delay"].interval[1] == pytest.approx(latest)
+    assert wider["gain"].interval[0] < 0.0
+
+
 def test_the_shares_of_a_budget_add_up_to_the_whole_variance() -> None:
     fit = fitted()
     fit = fit.widen(line(fit, "gain", 0.02)).widen(line(fit, "gain", 0.01, "cogging"))

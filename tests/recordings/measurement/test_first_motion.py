@@ -39,3 +39,23 @@ def test_an_input_that_is_on_from_the_first_row_of_a_shaft_at_rest_is_a_change()
     assert 0.05 <= stated.effect <= 0.05 + 4 * 0.002
     assert first_motion(replace(record, starts_at_rest=False)) is None
     assert first_motion(replace(record, starts_at_rest=True, input_before=3.0)) is None
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_a_shaft_that_goes_on_standing_after_the_input_has_come_stood_all_the_while(rows: int) -> None:
+    """A current's own controller begins with the record, and the heavy wheel reaches its first count 0.2 s later."""
+    u = np.where(np.arange(len(T)) < rows, 0.0, 3.0 + 0.01 * np.sin(37.0 * T))
+    y = QUANTUM * np.floor(0.5 * 100.0 * T**2)  # counts: the first after 0.14 s
+
+    found = first_motion(dataset(seed=1, samples=len(T), u=u, y=y))
+
+    assert found is not None
+    assert found.cause == pytest.approx(rows * 0.002)
+    # Two counts, and one more for the speed of a count in 0.14 s that could go unseen: 0.5 · 100 t² = 3 + t/0.14 at 0.33 s.
+    assert 0.2 < found.effect < 0.34
+
+
+def test_a_shaft_that_runs_as_the_record_begins_has_no_first_motion() -> None:
+    u = np.where(np.arange(len(T)) < 1, 0.0, 3.0)
+
+    assert first_motion(dataset(seed=1, samples=len(T), u=u, y=QUANTUM * np.floor(1600.0 * T))) is None

@@ -22,6 +22,7 @@ from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.disturbance import Disturbance
 from servobench.identification.models.base import Model, Structure
+from servobench.identification.models.first_motion import latest_delay
 from servobench.recordings.measurement.dataset import Dataset
 
 
@@ -145,22 +146,25 @@ class Fit:
 
     @property
     def estimates(self) -> dict[str, Estimate]:
-        """The estimates by name, each with its 95 % interval: value ± 1.96 sd, or that in `intervals`."""
-        sd = np.sqrt(np.diag(self.covariance))
-        return {
-            name: Estimate(
-                value=float(value),
-                sd=float(s),
-                interval=self.intervals.get(
-                    name, (float(value - TWO_SIDED * s), float(value + TWO_SIDED * s))
-                ),
-                level=0.95,
-                unit=unit,
-            )
-            for name, value, s, unit in zip(
-                self.model.names, self.model.theta, sd, self.model.units, strict=True
-            )
-        }
+        """The estimates by name, each with its 95 % interval: value ± 1.96 sd, or that in `intervals`, within what can be.
+
+        A friction or a time constant isn't below zero, and a delay doesn't end after the first motion.
+        """
+        sd, found = np.sqrt(np.diag(self.covariance)), {}
+        for parameter, value, s, unit in zip(
+            self.model.structure.parameters, self.model.theta, sd, self.model.units, strict=True
+        ):
+            name = parameter.name
+            low, high = self.intervals.get(name, (value - TWO_SIDED * s, value + TWO_SIDED * s))
+            latest = self._latest_delay if name == "delay" else parameter.upper
+            interval = float(max(low, min(parameter.lower, value))), float(min(high, max(latest, value)))
+            found[name] = Estimate(value=float(value), sd=float(s), interval=interval, level=0.95, unit=unit)
+        return found
+
+    @cached_property
+    def _latest_delay(self) -> float:
+        """The delay [s] that the first motion of the records allows at most."""
+        return latest_delay([record.data for record in self.records])
 
     @property
     def vector(self) -> Array:

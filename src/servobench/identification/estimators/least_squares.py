@@ -18,8 +18,10 @@ _STEPS = 100
 _AGAIN = 4  # times
 _STEPS_TO_VALLEY = 25
 _AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
-_CLEARLY = 9.0  # of a residual's variance: a sum of squares that is lower by more isn't so by chance
 _SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
+_LEAST_DAMPING = 1e-12
+_SLOWLY = 0.3  # times the damping
+_BENT = 4  # refused steps
 _FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
 _VALLEYS = 2  # of the starts into curved valleys are followed to their ends
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
@@ -117,14 +119,14 @@ class Layout:
         """Return where a change leads from a joint vector (P + ΣQ,), along the structure's valley where it knows one."""
         return self._curved.move(theta, change) if self._curved else theta + change
 
-    @property
-    def move_if_slow(self) -> Callable[[Array, Array], Array] | None:
-        """Where a change leads from a joint vector if the motor is slower than its input; None if the structure can't say."""
+    @cached_property
+    def moves(self) -> tuple[Callable[[Array, Array], Array], ...]:
+        """The ways in which a change may lead from a joint vector: `move`, and that of a slow motor if the structure has it."""
         slow = as_protocol(self.structure, SlowMotor)
         if slow is None:
-            return None
+            return (self.move,)
         mean = float(np.mean(np.concatenate([record.u for record in self.data])))
-        return partial(slow.move_if_slow, mean_input=mean)
+        return self.move, partial(slow.move_if_slow, mean_input=mean)
 
     @property
     def held_at_first(self) -> NDArray[np.bool_] | None:
@@ -170,13 +172,18 @@ class Descent:
 
 
 def minimise(
-    structure: Structure, data: Sequence[Dataset], start: Array, free: NDArray[np.bool_] | None = None
+    structure: Structure,
+    data: Sequence[Dataset],
+    start: Array,
+    free: NDArray[np.bool_] | None = None,
+    steps: int = _STEPS,
 ) -> Minimum:
     """Return the minimum of the sum of squared residuals from a start vector (P + ΣQ,).
 
-    `start` is in the units of the parameters; `free` (P + ΣQ,) says which entries may move (all).
+    `start` is in the units of the parameters; `free` (P + ΣQ,) says which entries may move (all). After so many `steps` a search
+    begins anew, and at last ends unsettled.
     """
-    return lowest(structure, data, (start,), free)
+    return lowest(structure, data, (start,), free, steps)
 
 
 def lowest(
@@ -184,14 +191,13 @@ def lowest(
     data: Sequence[Dataset],
     starts: Sequence[Array],
     free: NDArray[np.bool_] | None = None,
+    steps: int = _STEPS,
 ) -> Minimum:
-    """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) says which entries may move (all)."""
+    """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) and `steps` as in `minimise`."""
     layout = Layout(structure, tuple(data))
     nearer = _in_the_valley(layout, starts, free)
-    ends = [descent(layout, start, free) for start in nearer]
+    ends = [descent(layout, start, free, steps) for start in nearer]
     others = [(end.point.theta, end.point.cost) for end in ends]
-    if free is None:
-        ends = [_settle(layout, end) for end in ends]
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
     # Of ends that are as good as each other, one where the search has settled.
     best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
@@ -199,7 +205,7 @@ def lowest(
         if best.converged:
             break
         # Along a valley full of kinks steps have become short, and are long again when the search begins anew.
-        best = descent(layout, best.point.theta, free)
+        best = descent(layout, best.point.theta, free, steps)
     theta = best.point.theta + best.change
     predictions, cost = _evaluate(layout, theta)
     if not cost <= best.point.cost * (1 + _ENOUGH**2):
@@ -214,19 +220,6 @@ def lowest(
         status=best.status,
         others=tuple(other for other in others if other[0] is not best.point.theta),
     )
-
-
-def _settle(layout: Layout, end: Descent) -> Descent:
-    """The end of a search, or where it leads in other coordinates if it hasn't settled and that explains clearly more.
-
-    Along a flat valley it would lead to parameters beyond all measure, which explain as much.
-    """
-    move = None if end.converged else layout.move_if_slow
-    if move is None:
-        return end
-    further = descent(layout, end.point.theta, move=move)
-    samples = sum(len(record.y) for record in layout.data)
-    return further if end.point.cost > further.point.cost * (1 + _CLEARLY / samples) else end
 
 
 def _in_the_valley(
@@ -252,26 +245,24 @@ def _in_the_valley(
 
 
 def descent(
-    layout: Layout,
-    start: Array,
-    free: NDArray[np.bool_] | None = None,
-    steps: int = _STEPS,
-    move: Callable[[Array, Array], Array] | None = None,
+    layout: Layout, start: Array, free: NDArray[np.bool_] | None = None, steps: int = _STEPS
 ) -> Descent:
     """Go from a start vector to a minimum of the sum of squared residuals; `free` (P + ΣQ,) says which entries may move (all).
 
     Levenberg (1944) and Marquardt (1963). The damping follows how well the quadratic model foretold the change of the cost: down
     to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them.
-    `start` (P + ΣQ,) is in the units of the parameters; `move` says where a change leads (`Layout.move`).
+    Where steps are refused again and again the valley bends, and each refused one is tried along the next of `Layout.moves`.
+    `start` (P + ΣQ,) is in the units of the parameters.
     """
-    move = move or layout.move
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
     point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
+    refusals, refused = 0, 0.0
     for step in range(1, steps + 1):
         change = _damped_change(point, damping, lower, upper, moves)
         if change is None:
             return _end_descent(point, None, True, "every parameter is at a bound")
+        move = layout.moves[max(refusals - _BENT, 0) % len(layout.moves)]
         reached = np.minimum(np.maximum(move(point.theta, change), lower), upper)
         if _small(change, point, layout):
             return _end_descent(point, change, True, f"converged in {step} steps")
@@ -280,10 +271,13 @@ def descent(
         if trial.cost <= point.cost:
             gained = point.cost - trial.cost
             done, point = gained <= 1e-13 * point.cost, trial
-            damping = max(damping * _next_damping(gained, foretold), 1e-12)
+            damping = _lower_damping(damping, refused, gained, foretold)
             if done:
                 return _end_descent(point, None, True, f"converged in {step} steps")
         else:
+            refusals += 1
+            # Of a motor with gravity leaps from a rough slope find more than small steps.
+            refused = damping if refusals > _BENT and len(layout.moves) > 1 else 0.0
             damping = max(damping, least) * _after_a_rise(trial.cost, point.cost)
             # In a narrow valley that bends, the right damping is small, and found by now.
             least = 0.0
@@ -350,10 +344,13 @@ def _evaluate(layout: Layout, theta: Array) -> tuple[tuple[Prediction, ...], flo
     return predictions, cost if np.isfinite(cost) else np.inf
 
 
-def _next_damping(gained: float, foretold: float) -> float:
-    """The factor for the damping after a step that lowered the cost."""
+def _lower_damping(damping: float, refused: float, gained: float, foretold: float) -> float:
+    """The damping after a step that lowered the cost; towards that of the last `refused` step it falls slowly."""
     ratio = gained / foretold if foretold > 0 else 0.0
-    return 0.01 if ratio > 0.9 else 0.1 if ratio > 0.5 else 1.0 if ratio > 0.25 else 4.0
+    factor = 0.01 if ratio > 0.9 else 0.1 if ratio > 0.5 else 1.0 if ratio > 0.25 else 4.0
+    if factor < 1.0 and damping * factor <= refused:
+        factor = max(factor, _SLOWLY)
+    return max(damping * factor, _LEAST_DAMPING)
 
 
 def _after_a_rise(cost: float, before: float) -> float:

@@ -46,6 +46,7 @@ SOURCE: Final = "choice of noise model"
 _MEMORY = 0.1  # of τ: a first-order model need not be right within less
 _LAGS = 3.0  # τ: what a torque did to the speed is down to 5 % by then
 _ROUNDS = 4
+_STEPS = 20  # from where the other weighing ended: one that needs more leads away
 _SETTLED = 0.02  # of a standard deviation
 
 
@@ -86,12 +87,17 @@ def _second(fit: Fit) -> tuple[Array, Array]:
     for _ in range(_ROUNDS):
         tau = float(theta[at])
         model = _weighting(structure, data, theta, tau)
-        minimum = minimise(model, model.whitened_data, theta)
+        minimum = minimise(model, model.whitened_data, theta, steps=_STEPS)
         theta = minimum.theta
         covariance = _covariance(model, minimum, tau, sizes(fit))[:shared, :shared]
-        # Where the search slid off to the shortest time constant, the two ways of weighing have nothing in common.
+        # Where the search slid off to the shortest time constant, the two ways of weighing have nothing in common, and where it
+        # found no end, another weighing won't end it.
         slid = theta[at] <= model.bounds(model.whitened_data)[0][at]
-        if slid or abs(theta[at] - tau) <= _SETTLED * np.sqrt(max(covariance[at, at], 0.0)):
+        if (
+            slid
+            or not minimum.converged
+            or abs(theta[at] - tau) <= _SETTLED * np.sqrt(max(covariance[at, at], 0.0))
+        ):
             break
     return theta[:shared], covariance
 

@@ -196,19 +196,22 @@ class FirstOrder:
         """Return where a change leads from theta, both (P + ΣQ,), if the input changes faster than the motor follows.
 
         Then the output is nearly linear in K/τ, 1/τ and the speed K (ū - u₀) under the mean input ū [input unit], so a change
-        moves those to first order. u₀ is the offset, or the friction of a motor that turns one way. Where 1/τ would fall below a
-        fifth, theta + change is returned.
+        moves those to first order. u₀ is the offset, or the friction of a motor that turns one way. A change that would lower 1/τ
+        to less than a fifth is shortened to a fifth. Entries that the change leaves alone, as they are held or at a bound, stay.
         """
-        reached = theta + change
         gain, tau = (self.parameters.index(each) for each in (GAIN, TIME_CONSTANT))
         k, rate = theta[gain], 1.0 / theta[tau]
+        if change[tau] * rate > 1.0 - _SLOWEST:
+            change = change * (1.0 - _SLOWEST) / (change[tau] * rate)
         slower = rate - change[tau] * rate**2
-        if slower < _SLOWEST * rate or k == 0.0:
+        reached = theta + change
+        if k == 0.0:
             return reached
         reached[tau] = 1.0 / slower
-        reached[gain] = (k * rate + change[gain] * rate - k * change[tau] * rate**2) / slower
+        if change[gain] != 0.0:
+            reached[gain] = (k * rate + change[gain] * rate - k * change[tau] * rate**2) / slower
         lost, sense = self._lost, math.copysign(1.0, mean_input) if self._brakes else 1.0
-        if lost is not None and reached[gain] != 0.0:
+        if lost is not None and change[lost] != 0.0 and reached[gain] != 0.0:
             left = mean_input - sense * theta[lost]
             speed = k * left + change[gain] * left - k * sense * change[lost]
             reached[lost] = sense * (mean_input - speed / reached[gain])

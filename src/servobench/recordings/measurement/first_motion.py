@@ -95,7 +95,7 @@ def first_motion(data: Record) -> FirstMotion | None:
         return None
     at_rest = data.starts_at_rest and cause <= data.t_output[0]
     samples = 1 if at_rest else int(np.count_nonzero(data.t_output <= cause))
-    if not at_rest and samples < 2:
+    if samples < 1:
         return None
     within = noise_of(data)
     middle = float(np.median(data.y[:samples]))
@@ -105,8 +105,13 @@ def first_motion(data: Record) -> FirstMotion | None:
         or (not at_rest and np.ptp(data.y) <= _CLEAR * within)
     ):
         return None
-    # As a shaft that is only seen to stand may run on so slowly that it goes unseen, what it would do then is no answer.
-    lasted = np.inf if at_rest else float(data.t_output[samples - 1] - data.t_output[0])
+    # As a shaft that is only seen to stand may run on so slowly that it goes unseen, what it would do then is no answer. It
+    # would have left its place sooner if it were faster: so the whole standstill counts, beyond the cause as well.
+    left = np.flatnonzero(np.abs(data.y - middle) > within)
+    stood = max(int(left[0]) if len(left) else len(data.y), samples)
+    if not at_rest and stood < 2:
+        return None
+    lasted = np.inf if at_rest else float(data.t_output[stood - 1] - data.t_output[0])
     unseen = within * (2.0 + (data.t_output - data.t_output[samples - 1]) / lasted)
     away = np.abs(data.y - middle) > unseen
     away[:samples] = False

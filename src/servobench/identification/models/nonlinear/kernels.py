@@ -354,6 +354,7 @@ def response(
     side = side_of(p, sine, cosine, w, gravity)
     row = 1 if speed_out else 0
     m = 0
+    allowed = _ENDLESS + _MOST * (len(t_out) + len(u))
     while True:
         if sense == 0.0:
             x[1, :] = 0.0  # a shaft that sticks forgets how it came to rest
@@ -373,7 +374,8 @@ def response(
         while now < until and sense != 0.0:
             f, falling = slope(motor, v, sense, side, sine, cosine, w, stribeck, gravity)
             taken += 1
-            if taken > _ENDLESS or not abs(w) + abs(f) < _BEYOND:
+            allowed -= 1
+            if taken > _ENDLESS or allowed < 0 or not abs(w) + abs(f) < _BEYOND:
                 y[m:] = np.inf
                 jac[m:, :] = 0.0
                 return

@@ -57,7 +57,10 @@ STRIBECK = Parameter(
     lower=0.0,
 )
 STRIBECK_SPEED = Parameter(
-    name="stribeck_speed", meaning="speed at which 37 % of the stribeck_voltage is left", unit="{position}/s"
+    name="stribeck_speed",
+    meaning="speed at which 37 % of the stribeck_voltage is left",
+    unit="{position}/s",
+    lower=0.0,
 )
 SINE = Parameter(
     name="gravity_voltage_sine",
