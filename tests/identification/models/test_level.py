@@ -42,3 +42,17 @@ def test_coasting_and_a_second_level_are_seen_through_noise(
     levels: tuple[float, ...], kind: Kind, noise: float
 ) -> None:
     assert single_level([noisy(levels, kind, noise)]) is None
+
+
+@pytest.mark.parametrize(("wander", "level"), [(0.0, 5.0), (0.3, None)])
+def test_noise_of_a_measured_input_makes_no_second_level_and_its_slow_change_does(
+    wander: float, level: float | None
+) -> None:
+    """1 % of noise spreads over 5 % of the input; the means of fiftieths, of 30 samples each, over less than 1.5 %."""
+    record = noisy((0.0, 5.0), "position", 0.0, each=1500)
+    random = np.random.default_rng(5)
+    u = record.u + (record.u > 0) * (0.05 * random.standard_normal(3000) + np.linspace(-wander, wander, 3000))
+
+    found = single_level([replace(record, u=u)])
+
+    assert found == (None if level is None else pytest.approx(level, rel=0.02))

@@ -41,6 +41,7 @@ from servobench.identification.estimators.near_bounds import intervals_near_boun
 from servobench.identification.estimators.other_minima import other_minima
 from servobench.identification.estimators.repetition import fold, period, repeats
 from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
+from servobench.identification.estimators.usual_friction import with_usual_friction
 from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure, as_protocol
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -88,7 +89,8 @@ class OutputError:
     ) -> Fit:
         """Return the best fit found from the start vectors, or from the structure's guesses where there are none."""
         minimum = best_minimum(structure, data, starts or structure.guesses(data))
-        return fit_minimum(structure, data, with_usual_sign(structure, data, minimum))
+        minimum = with_usual_friction(structure, data, with_usual_sign(structure, data, minimum))
+        return fit_minimum(structure, data, minimum)
 
 
 ESTIMATORS.member("output_error")(OutputError())

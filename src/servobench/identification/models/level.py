@@ -12,8 +12,11 @@ from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
+_FEW = 10  # samples that move, too few to tell the levels
 _SHORT = 20  # of these parts of a record is the longest span over which motion has to be seen
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
+_NOISY = 0.1  # of it: a measured input whose values lie no further apart may be one level with noise
+_SPANS = 50  # of which the means show it
 
 
 def single_level(records: Sequence[Dataset]) -> float | None:
@@ -37,14 +40,19 @@ def _level_of(records: Sequence[Dataset]) -> float | None:
     # Either says that there was one: a short motion has few samples that noise can't explain, a noisy rest many that move.
     for clear in (False, True):
         levels = np.concatenate([_while_moving(record, clear) for record in records])
-        low, high = (
-            (float(level) for level in np.percentile(levels, (1, 99)))
-            if len(levels) >= 10
-            else (-np.inf, np.inf)
-        )
-        if high - low <= _ONE * largest:
+        if len(levels) < _FEW:
+            continue
+        low, high = (float(level) for level in np.percentile(levels, (1, 99)))
+        if high - low <= _ONE * largest or (high - low <= _NOISY * largest and _is_noisy(levels, largest)):
             return 0.5 * (low + high)
     return None
+
+
+def _is_noisy(levels: Array, largest: float) -> bool:
+    """Whether what apart from one level there is in an input averages out over a fiftieth of its samples."""
+    span = max(len(levels) // _SPANS, 1)
+    means = levels[: len(levels) // span * span].reshape(-1, span).mean(axis=1)
+    return bool(np.ptp(means) <= 0.5 * _ONE * largest)
 
 
 def _while_moving(record: Dataset, clear: bool) -> Array:

@@ -10,6 +10,7 @@ from servobench.identification.uncertainty.identifiability import Combination, P
 
 _TURNED = math.radians(5)  # by which the phase margin may change over the interval of the lag
 _OF_NYQUIST = 0.2  # of half the sample rate: beyond, the loop's own ticks matter more than the motor's lag
+_FINEST = 0.01  # percent: no motor is the same from one hour to the next by less
 _SIMULATES = 50.0  # percent: a model that predicts less is good for no simulation
 
 
@@ -49,7 +50,7 @@ def _loop(
     if lag is None or gain is None or gain.state is not State.KNOWN:
         return []
     fastest = min(_TURNED / lag.half_width, limit)
-    loudness = plain(100 * gain.estimate.half_width / abs(gain.estimate.value), 2)
+    loudness = _percent(gain.estimate.half_width / abs(gain.estimate.value))
     return [
         f"to tune a position loop with a crossover of at most {plain(fastest, 2)} rad/s (over the intervals its phase margin "
         f"changes by 5° at most, its gain by {loudness} %)"
@@ -65,8 +66,12 @@ def _comparison(answers: Mapping[str, ParameterStatus], combinations: Sequence[C
         if speed is None:
             return []
         what, estimate = "speeds", speed.estimate
-    percent = 100 * math.sqrt(2) * estimate.half_width / abs(estimate.value)
-    return [f"to tell two motors apart whose {what} differ by more than {plain(percent, 2)} %"]
+    apart = _percent(math.sqrt(2) * estimate.half_width / abs(estimate.value))
+    return [f"to tell two motors apart whose {what} differ by more than {apart} %"]
+
+
+def _percent(share: float) -> str:
+    return plain(max(100 * share, _FINEST), 2)
 
 
 def _is_known(answers: Mapping[str, ParameterStatus], name: str) -> bool:

@@ -15,6 +15,7 @@ from servobench.identification.uncertainty.identifiability import (
     State,
     may_be_zero,
 )
+from servobench.identification.uncertainty.status_text import in_words
 
 _FOLLOWS = 50.0  # percent of the output: what explains so much shows that the input acts
 _ASKED_FOR = ("gain", "loop_gain", "time_constant")
@@ -47,10 +48,9 @@ def _together(known: Combination, answers: Mapping[str, ParameterStatus]) -> Fin
 
 
 def _alone(answer: ParameterStatus) -> Finding:
-    name, estimate = parameter_in_words(answer.name, answer.estimate.unit), answer.estimate
-    value = rounded_interval(estimate.value, estimate.interval, estimate.unit)
+    name = parameter_in_words(answer.name, answer.estimate.unit)
     if answer.state is State.BOUNDED:
-        sentence = f"The data show only that the {name} is at most {value.high} {value.unit}".rstrip()
+        sentence = f"The data show only that the {name} is {in_words(answer)}"
     else:
         sentence = f"The data don't determine the {name}"
     return info("parameter-unknown", f"{sentence}; {answer.remedy} would.", parameters=(answer.name,))

@@ -13,6 +13,8 @@ def in_words(answer: ParameterStatus | None) -> str:
     if answer.state is State.COMBINATION:
         return "known together only"
     if answer.state is State.BOUNDED:
-        told = rounded_interval(answer.estimate.value, answer.estimate.interval, answer.estimate.unit)
+        value, high = answer.estimate.value, answer.estimate.interval[1]
+        # The upper end alone is shown, with the digits of its own distance.
+        told = rounded_interval(value, (2.0 * value - high, high), answer.estimate.unit)
         return f"at most {told.high} {told.unit}".rstrip()
     return "not known"

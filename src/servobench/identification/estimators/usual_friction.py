@@ -1,0 +1,47 @@
+"""Gain and friction where one level of the input moved the motor: a friction that motors have.
+
+One level u tells K (u - u_c) alone, a hyperbola of gains and frictions: they can't be identified apart (Bellman and Åström
+1970). A search ends anywhere on it: at a friction of 90 % of the level and ten times the gain, or at a friction that drives. Far
+out, what is linear in K and u_c leaves the hyperbola, and the speed at the level, which the data do tell, got an interval 10
+times too wide. So a friction below zero or above half of the level is set to that limit, unless the data say otherwise by more
+than chance would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.identification.estimators.covariance import effective_samples
+from servobench.identification.estimators.least_squares import Minimum, jacobian_and_residual, lowest
+from servobench.identification.models.base import Structure
+from servobench.identification.models.level import single_level
+from servobench.recordings.measurement.dataset import Dataset
+
+_LARGEST = 0.5  # of the level: motors that lose more of it to friction hardly turn
+_BY_CHANCE = 9.0  # in twice the log-likelihood: three standard deviations
+
+
+def with_usual_friction(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Minimum:
+    """Return the minimum, or one with a usual friction, as good within chance, where one level of the input moved the motor."""
+    names = [parameter.name for parameter in structure.parameters]
+    level = single_level(data) if {"gain", "coulomb_voltage"} <= set(names) else None
+    if not level:
+        return minimum
+    gain, lost = names.index("gain"), names.index("coulomb_voltage")
+    # Friction brakes whichever way the shaft turns; the constant of a motor that turns one way has a sign.
+    driven = abs(level) if structure.friction else level
+    share = minimum.theta[lost] / driven
+    usual = float(np.clip(share, 0.0, _LARGEST))
+    if share == usual or share == 1.0:
+        return minimum
+    start = minimum.theta.copy()
+    start[gain] *= (1.0 - share) / (1.0 - usual)
+    start[lost] = usual * driven
+    held = lowest(structure, data, (start,), np.arange(len(start)) != lost)
+    worth = sum(
+        effective_samples(jacobian_and_residual(record, prediction)[1])
+        for record, prediction in zip(data, minimum.predictions, strict=True)
+    )
+    return held if worth * np.log(held.cost / max(minimum.cost, 1e-300)) <= _BY_CHANCE else minimum

@@ -1,0 +1,42 @@
+"""The words for what a record says of a parameter, and for what its figures are good for."""
+
+from __future__ import annotations
+
+import pytest
+
+from servobench.core.estimate import Estimate
+from servobench.identification.uncertainty.identifiability import ParameterStatus, State
+from servobench.identification.uncertainty.purpose import good_for
+from servobench.identification.uncertainty.status_text import in_words
+
+
+def answer(
+    name: str, value: float, interval: tuple[float, float], unit: str, state: State
+) -> ParameterStatus:
+    estimate = Estimate(
+        value=value, sd=(interval[1] - interval[0]) / 3.92, interval=interval, level=0.95, unit=unit
+    )
+    return ParameterStatus(name=name, state=state, estimate=estimate)
+
+
+@pytest.mark.parametrize(
+    ("interval", "text"),
+    [
+        ((-31.0, 0.18001), "at most 0.18 s"),
+        ((-0.0007, 0.0246), "at most 25 ms"),
+        ((-5.5, 5.5), "at most 5.5 s"),
+    ],
+)
+def test_an_upper_end_has_the_digits_of_its_own_distance_and_none_of_the_lower_end(
+    interval: tuple[float, float], text: str
+) -> None:
+    assert in_words(answer("delay", 0.00034, interval, "s", State.BOUNDED)) == text
+
+
+def test_motors_are_told_apart_by_a_hundredth_of_a_percent_at_best() -> None:
+    """A file without noise leaves a millionth; no motor is the same an hour later by so little."""
+    gain = answer("gain", 50.0, (50.0 - 1e-6, 50.0 + 1e-6), "rad/(s·V)", State.KNOWN)
+
+    assert good_for({"gain": gain}, (), float("nan"), 0.002) == (
+        "Good enough to tell two motors apart whose gains differ by more than 0.01 %."
+    )
