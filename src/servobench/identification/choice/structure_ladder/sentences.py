@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import TWO_SIDED, instead_of, round_value
+from servobench.core.rounding import instead_of, with_unit
 from servobench.core.rounding import plain as number
 from servobench.identification.choice.structure_ladder.trial import TERMS, Rung, amount
 from servobench.identification.estimators.base import Fit
@@ -42,7 +42,7 @@ def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
     `plain` is the fit below it as it is, `fit` as it is allowed for.
     """
     new = [n for n in rung.fit.model.names if n not in fit.model.names]
-    sizes = ", ".join(f"{parameter_in_words(n, rung.fit[n].unit)} {_estimate(rung.fit, n)}" for n in new)
+    sizes = ", ".join(f"{parameter_in_words(n, rung.fit[n].unit)} {_size(rung.fit, n)}" for n in new)
     value, sd = amount(rung.term, rung.fit)
     if not sd < 0.5 * value:
         sentence = (
@@ -75,10 +75,10 @@ def _benefit_text(rung: Rung, plain: Fit, fit: Fit) -> str:
     )
 
 
-def _estimate(fit: Fit, name: str) -> str:
-    """A parameter with the half of its interval and its unit."""
+def _size(fit: Fit, name: str) -> str:
+    """A parameter with its unit; its interval is left to the table, as what is allowed for later is part of it."""
     unit = fit.model.units[fit.model.names.index(name)]
-    return str(round_value(float(fit.model[name]), TWO_SIDED * fit.sd(name), "" if unit == "1" else unit))
+    return with_unit(float(fit.model[name]), "" if unit == "1" else unit, 2)
 
 
 def stop_finding(fit: Fit, shown: Sequence[TermScore], refused: dict[str, Rung]) -> Finding:
