@@ -15,8 +15,8 @@ _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
 _FEW = 10  # samples that move, too few to tell the levels
 _SHORT = 20  # of these parts of a record is the longest span over which motion has to be seen
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
-_NOISY = 0.1  # of it: a measured input whose values lie no further apart may be one level with noise
-_SPANS = 50  # of which the means show it
+_NOISY = 0.1  # of the largest input: measured values that lie no further apart may be one level with noise
+_SPANS = 50  # parts of a record, whose means have next to no noise
 
 
 def single_level(records: Sequence[Dataset]) -> float | None:
@@ -49,7 +49,7 @@ def _level_of(records: Sequence[Dataset]) -> float | None:
 
 
 def _is_noisy(levels: Array, largest: float) -> bool:
-    """Whether what apart from one level there is in an input averages out over a fiftieth of its samples."""
+    """Whether an input's deviations from one level average out over a fiftieth of its samples, as noise does."""
     span = max(len(levels) // _SPANS, 1)
     means = levels[: len(levels) // span * span].reshape(-1, span).mean(axis=1)
     return bool(np.ptp(means) <= 0.5 * _ONE * largest)

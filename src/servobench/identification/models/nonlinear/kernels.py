@@ -339,8 +339,8 @@ def response(
 
     p (13,) is (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ at t_out[0], ω at t_out[0]), and `columns` (C,) are those
     of them whose derivatives are wanted. The flags say which terms act, and whether the speed or the angle is wanted. A sample
-    is latched before an input of the same instant acts. Where a motor runs away beyond all numbers, or turns round without end as
-    none can (friction that drives), y is infinite from there on.
+    is latched before an input of the same instant acts. Where a motor runs away beyond all numbers, turns round without end as
+    none can (friction that drives), or takes more than 100 steps for each sample and input, y is infinite from there on.
     """
     count = len(columns)
     x = np.zeros((2, WIDTH))
