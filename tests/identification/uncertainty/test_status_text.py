@@ -33,6 +33,11 @@ def test_an_upper_end_has_the_digits_of_its_own_distance_and_none_of_the_lower_e
     assert in_words(answer("delay", 0.00034, interval, "s", State.BOUNDED)) == text
 
 
+def test_a_value_at_its_upper_end_has_one_all_the_same() -> None:
+    """A delay may end at the longest that the first motion allows."""
+    assert in_words(answer("delay", 0.180012, (-0.02, 0.180012), "s", State.BOUNDED)) == "at most 0.18 s"
+
+
 def test_motors_are_told_apart_by_a_hundredth_of_a_percent_at_best() -> None:
     """A file without noise leaves a millionth; no motor is the same an hour later by so little."""
     gain = answer("gain", 50.0, (50.0 - 1e-6, 50.0 + 1e-6), "rad/(s·V)", State.KNOWN)

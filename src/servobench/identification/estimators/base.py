@@ -181,6 +181,11 @@ def fit_percent(records: Sequence[FittedRecord]) -> float:
     """Return 100 (1 - |y - ŷ| / |y - mean(y)|) over all records, each with its own mean; NaN where nothing varies."""
     misfit = sum(float(np.sum(r.residual[r.valid] ** 2)) for r in records)
     total = sum(float(np.sum((r.data.y[r.valid] - r.data.y[r.valid].mean()) ** 2)) for r in records)
+    return percent_explained(misfit, total)
+
+
+def percent_explained(misfit: float, total: float) -> float:
+    """Return 100 (1 - √(misfit/total)) for the sum of squares that is left and the one there was; NaN where nothing varies."""
     return 100.0 * (1.0 - float(np.sqrt(misfit / total))) if total > 0 else float("nan")
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import Rounded, rounded_interval
 from servobench.identification.uncertainty.identifiability import State
+from servobench.identification.uncertainty.status_text import at_most
 
 _WHERE = "gain-local"  # the finding that says at which operating point a gain holds
 _CHOICE = "one choice of many that fit the data as well."
@@ -45,8 +46,8 @@ def _open(
         if plain["state"] == State.COMBINATION and plain.get("combination") in combinations:
             together.setdefault(plain["combination"], []).append(words[name])
         elif plain["state"] == State.BOUNDED:
-            upper = _interval(plain)
-            yield _sentence(f"{words[name]} isn't known, only that it is at most {upper.high} {upper.unit}")
+            upper = at_most(plain["value"], _ends(plain), plain["unit"])
+            yield _sentence(f"{words[name]} isn't known, only that it is {upper}")
         else:
             unknown.append(words[name])
     for key, those in together.items():
@@ -58,8 +59,12 @@ def _open(
 
 
 def _interval(plain: Mapping[str, Any]) -> Rounded:
+    return rounded_interval(plain["value"], _ends(plain), plain["unit"])
+
+
+def _ends(plain: Mapping[str, Any]) -> tuple[float, float]:
     low, high = (math.nan if end is None else end for end in plain["interval"])
-    return rounded_interval(plain["value"], (low, high), plain["unit"])
+    return low, high
 
 
 def _list_text(words: Sequence[str]) -> str:

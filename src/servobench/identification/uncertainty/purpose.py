@@ -50,10 +50,10 @@ def _loop(
     if lag is None or gain is None or gain.state is not State.KNOWN:
         return []
     fastest = min(_TURNED / lag.half_width, limit)
-    loudness = _percent(gain.estimate.half_width / abs(gain.estimate.value))
+    change = _percent(gain.estimate.half_width / abs(gain.estimate.value))
     return [
         f"to tune a position loop with a crossover of at most {plain(fastest, 2)} rad/s (over the intervals its phase margin "
-        f"changes by 5° at most, its gain by {loudness} %)"
+        f"changes by 5° at most, its gain by {change} %)"
     ]
 
 
@@ -71,6 +71,7 @@ def _comparison(answers: Mapping[str, ParameterStatus], combinations: Sequence[C
 
 
 def _percent(share: float) -> str:
+    """A share as percent, no finer than motors stay the same."""
     return plain(max(100 * share, _FINEST), 2)
 
 

@@ -13,8 +13,15 @@ def in_words(answer: ParameterStatus | None) -> str:
     if answer.state is State.COMBINATION:
         return "known together only"
     if answer.state is State.BOUNDED:
-        value, high = answer.estimate.value, answer.estimate.interval[1]
-        # The upper end alone is shown, with the digits of its own distance.
-        told = rounded_interval(value, (2.0 * value - high, high), answer.estimate.unit)
-        return f"at most {told.high} {told.unit}".rstrip()
+        return at_most(answer.estimate.value, answer.estimate.interval, answer.estimate.unit)
     return "not known"
+
+
+def at_most(value: float, interval: tuple[float, float], unit: str) -> str:
+    """Return the upper end of an interval, with the digits of its own distance from the value: a lower end far away has no say.
+
+    Where the value is at that end, those of the whole interval.
+    """
+    low, high = interval
+    told = rounded_interval(value, (2.0 * value - high if high > value else low, high), unit)
+    return f"at most {told.high} {told.unit}".rstrip()

@@ -109,9 +109,9 @@ def first_motion(data: Record) -> FirstMotion | None:
     # would have left its place sooner if it were faster: so the whole standstill counts, beyond the cause as well.
     left = np.flatnonzero(np.abs(data.y - middle) > within)
     stood = max(int(left[0]) if len(left) else len(data.y), samples)
-    if not at_rest and stood < 2:
-        return None
     lasted = np.inf if at_rest else float(data.t_output[stood - 1] - data.t_output[0])
+    if not lasted > 0:
+        return None
     unseen = within * (2.0 + (data.t_output - data.t_output[samples - 1]) / lasted)
     away = np.abs(data.y - middle) > unseen
     away[:samples] = False

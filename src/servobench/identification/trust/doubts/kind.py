@@ -8,7 +8,7 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, refusal
-from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.base import Fit, percent_explained
 from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import Layout, at, lowest
 from servobench.identification.models.base import STRUCTURES
@@ -69,7 +69,7 @@ def _percent_explained(data: Dataset, wanted: float) -> float:
 
     Where no guess comes near the `wanted` part, none is refined: a search that ends far below would take long.
     """
-    found = [0.0]
+    found, total = [0.0], float(np.sum((data.y - data.y.mean()) ** 2))
     for name in ("first_order_coulomb", "first_order_one_way"):
         structure = STRUCTURES[name]
         layout = Layout(structure, (data,))
@@ -77,18 +77,12 @@ def _percent_explained(data: Dataset, wanted: float) -> float:
             guesses = structure.guesses([data])
         except NotIdentifiable:
             continue
-        explained = max(_percent(data, at(layout, guess).cost) for guess in guesses)
+        explained = percent_explained(min(at(layout, guess).cost for guess in guesses), total)
         if explained >= 100 - _NEAR * (100 - wanted):
             best = with_usual_sign(structure, [data], lowest(structure, [data], guesses))
-            explained = _percent(data, best.cost)
+            explained = percent_explained(best.cost, total)
         found.append(explained)
     return max(found)
-
-
-def _percent(data: Dataset, cost: float) -> float:
-    """The part of a record that is explained where a sum of squares is left, in percent; none where nothing varies."""
-    total = float(np.sum((data.y - data.y.mean()) ** 2))
-    return 100 * (1 - float(np.sqrt(cost / total))) if total > 0 and np.isfinite(cost) else 0.0
 
 
 DOUBTS.member("kind")(Doubt(codes=("kind-mistaken",), about_fit=_about_fit))
