@@ -41,7 +41,7 @@ def ran(folder: Path, port: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def check_told(done: subprocess.CompletedProcess[str], port: str, *words: str) -> None:
+def check_reported(done: subprocess.CompletedProcess[str], port: str, *words: str) -> None:
     """Hold that it failed with one sentence or two, which say which port, what was expected and what to do."""
     said = " ".join((done.stdout + done.stderr).split())
     assert done.returncode == 4, said
@@ -51,8 +51,8 @@ def check_told(done: subprocess.CompletedProcess[str], port: str, *words: str) -
 
 
 @pytest.mark.promise("S53")
-def test_a_port_that_is_not_there_is_told(tmp_path: Path) -> None:
-    check_told(
+def test_a_port_that_is_not_there_is_reported(tmp_path: Path) -> None:
+    check_reported(
         ran(tmp_path, "/dev/ttyNOTHERE"),
         "/dev/ttyNOTHERE",
         "can't be opened (No such file or directory)",
@@ -72,13 +72,13 @@ def test_a_port_that_is_not_there_is_told(tmp_path: Path) -> None:
     ],
     ids=["hung", "nonsense"],
 )
-def test_a_board_that_is_hung_or_talks_nonsense_is_told(
+def test_a_board_that_is_hung_or_talks_nonsense_is_reported(
     says: bytes, words: tuple[str, ...], tmp_path: Path
 ) -> None:
     with talking(says) as port:
         done = ran(tmp_path, port)
 
-    check_told(done, port, *words)
+    check_reported(done, port, *words)
 
 
 @contextmanager

@@ -498,7 +498,7 @@ def test_a_record_over_its_time_is_given_up_and_no_handler_of_errors_keeps_it(
     assert runs.outcome(4)["verdict"] == "over time"
 
 
-def test_a_crash_is_told_with_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crash_is_reported_with_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(data: object) -> None:
         raise ZeroDivisionError("by nothing")
 

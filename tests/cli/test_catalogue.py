@@ -115,7 +115,7 @@ def test_a_structure_that_is_made_from_its_name_can_be_asked_for(servobench: Com
 
 
 @pytest.mark.parametrize("command", ["signals", "structures", "estimators", "formats", "exports", "studies"])
-def test_a_name_that_is_not_there_is_told_with_the_nearest(servobench: Command, command: str) -> None:
+def test_a_name_that_is_not_there_is_reported_with_the_nearest(servobench: Command, command: str) -> None:
     ended = servobench(command, "nothing-like-it")
 
     assert ended.status == 2

@@ -15,7 +15,7 @@ def test_all_devices_are_listed_with_chain_lag_and_source(servobench: Command) -
     assert said.count("source: ") == sum(len(preset.sources) for preset in PRESETS.values())
 
 
-def test_one_device_is_told_alone_and_an_unknown_one_is_an_error(servobench: Command) -> None:
+def test_one_device_is_reported_alone_and_an_unknown_one_is_an_error(servobench: Command) -> None:
     said = servobench("chains", "odrive").out
     wrong = servobench("chains", "odriv")
 

@@ -64,7 +64,7 @@ def test_every_script_holds_all_commands_and_the_names_of_signals(servobench: Co
         assert re.search(rf"(?<![\w-])(--)?{word}(?![\w-])", said), word
 
 
-def test_another_shell_is_told(servobench: Command) -> None:
+def test_another_shell_is_reported(servobench: Command) -> None:
     ended = servobench("completion", "tcsh")
 
     assert ended.status == 2

@@ -31,7 +31,7 @@ def test_the_design_can_be_run_and_is_what_the_json_says(servobench: Command, tm
         assert ran.result["parameters"][name]["sd"] == pytest.approx(told["chosen"]["sd"][name], rel=0.5)
 
 
-def test_a_result_says_what_is_known_once_the_encoder_is_told(
+def test_a_result_says_what_is_known_once_the_encoder_is_known(
     servobench: Command, finished_run: Path
 ) -> None:
     words = ("design", "--voltage-limit", "5", "--duration", "1", "--from", finished_run / "result.json")
@@ -58,7 +58,7 @@ def test_a_result_says_what_is_known_once_the_encoder_is_told(
         (("--from", "x.csv", "--counts-per-rev", "2048"), "there is no file x.csv"),
     ],
 )
-def test_mistakes_are_told(servobench: Command, words: tuple[str, ...], expected: str) -> None:
+def test_mistakes_are_reported(servobench: Command, words: tuple[str, ...], expected: str) -> None:
     ended = servobench("design", "--voltage-limit", "10", *words)
 
     assert ended.status == 2

@@ -90,7 +90,7 @@ def test_several_files_are_said_to_be_fitted_jointly(servobench: Command, fleet:
         (("--each", "--validate-with", "other.csv"), "--validate-with and --each don't go together"),
     ],
 )
-def test_what_does_not_go_together_is_told(
+def test_what_does_not_go_together_is_reported(
     servobench: Command, fleet: list[Path], words: tuple[str, ...], because: str
 ) -> None:
     ended = servobench("identify", fleet[0], *words)

@@ -122,7 +122,7 @@ def test_ctrl_c_keeps_what_was_identified(
         (("nowhere.toml", "--spread", "inertia=5%"), "no such file"),
     ],
 )
-def test_a_mistake_is_told_and_leaves_no_folder(
+def test_a_mistake_is_reported_and_leaves_no_folder(
     servobench: Command, tmp_path: Path, words: tuple[str, ...], told: str
 ) -> None:
     ended = servobench("ensemble", *words, "--out", tmp_path / "out")
@@ -141,7 +141,7 @@ def test_a_mistake_is_told_and_leaves_no_folder(
         ('faults = [{ name = "blocked_shaft" }]', "injects faults"),
     ],
 )
-def test_a_device_that_cannot_be_simulated_so_is_told(
+def test_a_device_that_cannot_be_simulated_so_is_reported(
     servobench: Command, tmp_path: Path, device: str, told: str
 ) -> None:
     file = tmp_path / "loop.toml"

@@ -95,7 +95,7 @@ def test_a_run_with_faults_from_its_file_and_the_line_says_so_everywhere(
         ),
     ],
 )
-def test_a_mistake_in_a_fault_is_told_with_its_line_before_anything_moves(
+def test_a_mistake_in_a_fault_is_reported_with_its_line_before_anything_moves(
     servobench: Command, tmp_path: Path, text: str, place: str, said: str
 ) -> None:
     (tmp_path / "a.toml").write_text(SHORT + text)
@@ -140,14 +140,16 @@ def test_without_faults_a_file_says_nothing_of_them() -> None:
         ("lost probability=2", "probability: expected less than or equal to 1"),
     ],
 )
-def test_a_fault_that_can_not_be_read_is_told_in_our_words(text: str, said: str) -> None:
+def test_a_fault_that_can_not_be_read_is_reported_in_our_words(text: str, said: str) -> None:
     with pytest.raises(UsageError) as caught:
         table_of(text)
     assert said in str(caught.value)
     assert "Input should" not in str(caught.value)
 
 
-def test_a_data_sheet_that_there_is_not_is_told_with_its_line(servobench: Command, tmp_path: Path) -> None:
+def test_a_data_sheet_that_there_is_not_is_reported_with_its_line(
+    servobench: Command, tmp_path: Path
+) -> None:
     file = tmp_path / "short.toml"
     file.write_text(SHORT + '[limits.plausibility]\nmotor = "cube"\n')
 

@@ -151,7 +151,7 @@ def test_the_folder_of_a_killed_run_says_that_it_is_not_whole(servobench: Comman
     assert "cut short" in servobench("inspect", killed_run / "recording.mcap.part").out
 
 
-def test_what_is_missing_of_a_file_is_told_before_what_is_left_of_it(
+def test_what_is_missing_of_a_file_is_reported_before_what_is_left_of_it(
     servobench: Command, killed_run: Path
 ) -> None:
     lines = servobench("inspect", killed_run / "recording.mcap.part").out.splitlines()
@@ -238,7 +238,7 @@ def test_recover_makes_a_folder_whole_where_it_is_and_no_other(
     assert "is no folder of a run" in servobench("recover", tmp_path).err
 
 
-def test_recover_writes_where_it_is_told_and_never_over_another_file(
+def test_recover_writes_where_it_is_reported_and_never_over_another_file(
     servobench: Command, finished_run: Path, tmp_path: Path
 ) -> None:
     words = ("recover", finished_run / "recording.mcap", "--to", tmp_path / "copy.mcap")

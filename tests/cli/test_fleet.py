@@ -114,7 +114,7 @@ def test_limits_decide_and_other_limits_identify_nothing(
         ("[gian]\nlow = 3", "did you mean 'gain'"),
     ],
 )
-def test_wrong_limits_are_told(
+def test_wrong_limits_are_reported(
     limits: str, because: str, servobench: Command, stand: Path, results: Path, tmp_path: Path
 ) -> None:
     file = tmp_path / "limits.toml"
@@ -160,7 +160,7 @@ def test_mapping_is_kept_with_the_results(servobench: Command, tmp_path: Path) -
     assert "reading mapping was output" in second.err
 
 
-def test_a_stand_s_repeatability_is_told(servobench: Command, tmp_path: Path) -> None:
+def test_a_stand_s_repeatability_is_reported(servobench: Command, tmp_path: Path) -> None:
     """Three motors, two operators, two trials; the second operator's gains are 1 % higher, and trials differ by 0.2 %."""
     stand, out = tmp_path / "stand", tmp_path / "out"
     stand.mkdir()
@@ -254,7 +254,7 @@ def test_a_folder_is_watched(tmp_path: Path) -> None:
     assert (out / "report.html").exists()
 
 
-def test_a_scheduler_that_isn_t_there_is_told(
+def test_a_scheduler_that_isn_t_there_is_reported(
     servobench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(identification, "PATIENCE", "0.5s")
@@ -267,7 +267,7 @@ def test_a_scheduler_that_isn_t_there_is_told(
     assert "--scheduler tcp://127.0.0.1:9: nobody answers there" in ended.err
 
 
-def test_results_that_are_none_are_told(servobench: Command, tmp_path: Path) -> None:
+def test_results_that_are_none_are_reported(servobench: Command, tmp_path: Path) -> None:
     ended = servobench("fleet", "repeatability", tmp_path)
 
     assert ended.status == 2

@@ -86,7 +86,7 @@ def test_the_exercises_are_listed_in_their_order(servobench: Command) -> None:
     assert names == [each.name for each in exercises()]
 
 
-def test_a_folder_of_ones_own_is_listed_and_a_mistake_is_told_with_its_line(
+def test_a_folder_of_ones_own_is_listed_and_a_mistake_is_reported_with_its_line(
     servobench: Command, folder: Path
 ) -> None:
     (folder / "bad.md").write_text(MINE.replace('"2 s"', '"2 V"'), encoding="utf-8")
@@ -98,7 +98,7 @@ def test_a_folder_of_ones_own_is_listed_and_a_mistake_is_told_with_its_line(
     assert f"{folder / 'bad.md'}:7: experiment.duration: '2 V' is a voltage" in ended.err
 
 
-def test_a_device_that_is_not_here_is_told_with_the_file_that_names_it(
+def test_a_device_that_is_not_here_is_reported_with_the_file_that_names_it(
     servobench: Command, folder: Path
 ) -> None:
     text = MINE.replace("[signal]", '[device]\nname = "twn"\n\n[signal]', 1)
@@ -114,7 +114,7 @@ def test_a_device_that_is_not_here_is_told_with_the_file_that_names_it(
     assert servobench("lab", "list", "--folder", folder).status == 0  # another computer may have it
 
 
-def test_what_comes_out_is_not_told_before_it_is_asked_for(servobench: Command, folder: Path) -> None:
+def test_what_comes_out_is_not_reported_before_it_is_asked_for(servobench: Command, folder: Path) -> None:
     ended = servobench("lab", "do", folder / "mine.md")
 
     assert ended.status == 0
@@ -143,7 +143,7 @@ def test_an_exercise_shows_text_study_blanks_and_corrections_without_the_answers
     assert "here: 4096 counts" in in_words
 
 
-def test_the_solution_is_told_when_it_is_asked_for(servobench: Command) -> None:
+def test_the_solution_is_reported_when_it_is_asked_for(servobench: Command) -> None:
     without, with_it = servobench("lab", "do", "encoder"), servobench("lab", "do", "encoder", "--solution")
 
     assert "2048" not in without.out
@@ -222,7 +222,7 @@ def test_a_recording_of_another_experiment_is_not_held_against_an_exercise(
     assert ended.err.startswith(f"Error: {tmp_path / 'run' / 'recording.mcap'} comes from another experiment")
 
 
-def test_answers_to_a_recording_that_was_cut_short_are_told_that_it_was(
+def test_answers_to_a_recording_that_was_cut_short_are_reported_that_it_was(
     servobench: Command, tmp_path: Path
 ) -> None:
     file = tmp_path / "step.toml"
@@ -241,7 +241,7 @@ def test_answers_to_a_recording_that_was_cut_short_are_told_that_it_was(
     assert all("✓ level" in said for said in told.values())
 
 
-def test_a_table_from_elsewhere_is_not_held_against_an_exercise_and_told_where_it_belongs(
+def test_a_table_from_elsewhere_is_not_held_against_an_exercise_and_reported_where_it_belongs(
     servobench: Command, tmp_path: Path
 ) -> None:
     file = tmp_path / "own.csv"
@@ -298,7 +298,7 @@ def test_pages_are_of_the_exercises_that_are_named_each_once(
         (1, "interrupted: 1 of 2 exercises are in {}, and its index.html lists the missing ones"),
     ],
 )
-def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
+def test_who_interrupts_all_exercises_is_reported_what_is_kept_and_where(
     servobench: Command, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, done: int, said: str
 ) -> None:
     (folder / "other.md").write_text(MINE.replace('"Mine"', '"Other"'), encoding="utf-8")
@@ -346,7 +346,7 @@ def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
         (("do", "nowhere.md"), "nowhere.md: can't be read"),
     ],
 )
-def test_a_mistake_is_told(
+def test_a_mistake_is_reported(
     servobench: Command,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -390,7 +390,9 @@ def test_a_form_from_when_lab_was_one_command_is_answered_by_the_new_one(
     assert len(ended.err.splitlines()) == 1
 
 
-def test_a_run_that_a_fault_ended_is_told_and_ends_as_a_run_does(servobench: Command, folder: Path) -> None:
+def test_a_run_that_a_fault_ended_is_reported_and_ends_as_a_run_does(
+    servobench: Command, folder: Path
+) -> None:
     """5 V turn the motor beyond 50 rad/s, the limit of its speed: 5 V / 0.042 V·s/rad is 119 rad/s."""
     text = MINE.replace('final = "2 V"', 'final = "5 V"\n\n[limits]\nspeed = "50 rad/s"')
     (folder / "mine.md").write_text(text, encoding="utf-8")
@@ -401,7 +403,7 @@ def test_a_run_that_a_fault_ended_is_told_and_ends_as_a_run_does(servobench: Com
     assert "! the run ended early: " in ended.out
 
 
-def test_an_empty_folder_is_told(servobench: Command, tmp_path: Path) -> None:
+def test_an_empty_folder_is_reported(servobench: Command, tmp_path: Path) -> None:
     for words in (("list",), ("page", "--out", tmp_path / "pages")):
         ended = servobench("lab", *words, "--folder", tmp_path)
         assert (ended.status, "there are no exercises" in ended.err) == (2, True)

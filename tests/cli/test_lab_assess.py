@@ -107,7 +107,7 @@ def test_a_class_gets_its_folders_and_its_marks(servobench: Command, given: Path
     assert rows[1]["tau"] == "missing"
 
 
-def test_what_comes_out_is_told_as_json(servobench: Command, given: Path) -> None:
+def test_what_comes_out_is_reported_as_json(servobench: Command, given: Path) -> None:
     hand, marks = given / "hand", given / "marks.csv"
 
     handed = told(servobench(*to_class("assess", given), "--out", hand, "--json"), "handed-out-1")
@@ -122,7 +122,7 @@ def test_what_comes_out_is_told_as_json(servobench: Command, given: Path) -> Non
     assert found["stray"] == []
 
 
-def test_a_form_that_can_t_be_read_is_told_and_the_others_get_their_marks(
+def test_a_form_that_can_t_be_read_is_reported_and_the_others_get_their_marks(
     servobench: Command, given: Path
 ) -> None:
     hand = given / "hand"
@@ -154,7 +154,7 @@ def test_a_form_that_can_t_be_read_is_told_and_the_others_get_their_marks(
         ),
     ],
 )
-def test_what_doesn_t_go_together_is_told(
+def test_what_doesn_t_go_together_is_reported(
     servobench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], said: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

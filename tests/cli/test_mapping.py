@@ -145,7 +145,7 @@ def test_a_mistake_in_a_mapping_names_the_file_the_key_and_what_was_expected(
         (("--output", "t:rad"), "`t` holds the times"),
     ],
 )
-def test_a_unit_that_is_not_known_and_a_time_as_output_are_told_as_what_they_are(
+def test_a_unit_that_is_not_known_and_a_time_as_output_are_reported_as_what_they_are(
     servobench: Command, log: Path, words: tuple[str, ...], why: str
 ) -> None:
     ended = servobench("identify", log, "--input", "load:%", *words)

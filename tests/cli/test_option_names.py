@@ -52,7 +52,9 @@ def test_a_value_is_kept_and_a_missing_one_left_out() -> None:
     )
 
 
-def test_python_is_told_its_keyword_and_the_terminal_its_option(servobench: Command, tmp_path: Path) -> None:
+def test_python_is_reported_its_keyword_and_the_terminal_its_option(
+    servobench: Command, tmp_path: Path
+) -> None:
     file = tmp_path / "no_times.csv"
     file.write_text("u,y\n" + "".join(f"{n % 3},{n}\n" for n in range(50)), encoding="utf-8")
 

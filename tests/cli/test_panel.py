@@ -58,7 +58,7 @@ def test_without_the_extra_it_says_how_to_get_it(
         (["--folder", "{file}"], "--folder"),
     ],
 )
-def test_a_mistake_is_told_before_anything_is_opened(
+def test_a_mistake_is_reported_before_anything_is_opened(
     words: list[str], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "file"
@@ -71,7 +71,7 @@ def test_a_mistake_is_told_before_anything_is_opened(
     assert named in capsys.readouterr().err
 
 
-def test_a_port_that_is_taken_is_told_and_one_that_was_not_asked_for_is_left_alone() -> None:
+def test_a_port_that_is_taken_is_reported_and_one_that_was_not_asked_for_is_left_alone() -> None:
     with listen("127.0.0.1", 0) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UsageError, match=f"port {port}.*port=0"):

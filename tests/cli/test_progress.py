@@ -33,7 +33,7 @@ def test_nothing_is_said_within_the_first_second(clock: Clock) -> None:
     assert progress.line() == ""
 
 
-def test_the_time_left_is_told_from_the_pace_so_far(clock: Clock) -> None:
+def test_the_time_left_is_reported_from_the_pace_so_far(clock: Clock) -> None:
     progress = Progress(stream=io.StringIO(), now=clock)
     progress.begin("running")
     clock.time += 3.0  # compiling; no part of the pace
@@ -60,7 +60,7 @@ def test_a_run_in_real_time_has_its_own_time_left_whatever_its_start_took(clock:
     assert progress.line() == "running, 17 %, 2 s left"
 
 
-def test_after_an_alarm_nothing_is_told_as_going_on(clock: Clock) -> None:
+def test_after_an_alarm_nothing_is_reported_as_going_on(clock: Clock) -> None:
     stream = io.StringIO()
     progress = Progress(stream=stream, now=clock)
     progress.begin("running")
@@ -73,7 +73,7 @@ def test_after_an_alarm_nothing_is_told_as_going_on(clock: Clock) -> None:
     assert progress.line() == ""
 
 
-def test_where_nothing_tells_the_pace_the_time_so_far_is_told(clock: Clock) -> None:
+def test_where_nothing_tells_the_pace_the_time_so_far_is_reported(clock: Clock) -> None:
     progress = Progress(stream=io.StringIO(), now=clock)
     progress.begin("identifying")
     clock.time += 75.0
@@ -180,11 +180,11 @@ def test_a_terminal_that_is_gone_ends_no_work() -> None:
         (7500, "2 h 5 min"),
     ],
 )
-def test_a_duration_is_told_as_people_do(seconds: float, said: str) -> None:
+def test_a_duration_is_reported_as_people_do(seconds: float, said: str) -> None:
     assert duration(seconds) == said
 
 
-def test_compiling_is_told_once_and_only_when_something_is_compiled(
+def test_compiling_is_reported_once_and_only_when_something_is_compiled(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     @numba.njit

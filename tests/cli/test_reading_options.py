@@ -49,7 +49,7 @@ def words(command: str, file: Path, *said: str) -> list[object]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_recording_that_says_nothing_is_used_by_every_command_once_its_columns_are_told(
+def test_a_recording_that_says_nothing_is_used_by_every_command_once_its_columns_are_named(
     servobench: Command, logger: Path, command: str
 ) -> None:
     told = servobench(*words(command, logger, *COLUMNS))
@@ -62,7 +62,7 @@ def test_a_recording_that_says_nothing_is_used_by_every_command_once_its_columns
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_column_that_is_not_there_is_told_with_those_that_are(
+def test_a_column_that_is_not_there_is_reported_with_those_that_are(
     servobench: Command, logger: Path, command: str
 ) -> None:
     ended = servobench(*words(command, logger, "--input", "c:V", "--output", "b:deg"))
@@ -83,7 +83,7 @@ def test_a_column_that_is_not_there_is_told_with_those_that_are(
         (("--chain", "lowpas 3 Hz"), "lowpas"),
     ],
 )
-def test_a_mistake_in_an_option_is_told_in_its_name(
+def test_a_mistake_in_an_option_is_reported_in_its_name(
     servobench: Command, logger: Path, command: str, said: tuple[str, ...], because: str
 ) -> None:
     ended = servobench(*words(command, logger, *COLUMNS[:-2], *said))

@@ -245,7 +245,7 @@ def test_a_wheel_below_a_count_a_row_is_not_called_blocked(
         assert "blocked" not in said
 
 
-def test_a_flag_behind_an_average_that_is_told_has_no_long_delay(
+def test_a_flag_behind_an_average_that_is_reported_has_no_long_delay(
     servobench: Command, real_data: RealData
 ) -> None:
     path = real_data("waam_average/Feb-09-2022--14-42-41.csv")

@@ -453,7 +453,9 @@ def test_three_runs_of_a_pendulum_together_tell_what_one_does_not(
     assert result["verdict"] == "doubtful"
 
 
-def test_a_servo_bench_whose_load_was_not_told_has_no_input(servobench: Command, real_data: RealData) -> None:
+def test_a_servo_bench_whose_load_was_not_reported_has_no_input(
+    servobench: Command, real_data: RealData
+) -> None:
     path = real_data("bam_servos/feetech_2024-10-26_12h23m27.json")
     columns = ("--input", "load:PWM/1000", "--supply", "supply_voltage", "--output", "position")
 

@@ -69,7 +69,7 @@ def test_a_single_finding_that_is_left_out_is_one() -> None:
         ("An arrow.", None, "  • An arrow."),
     ],
 )
-def test_rows_are_told_once(sentence: str, rows: tuple[int, int] | None, line: str) -> None:
+def test_rows_are_reported_once(sentence: str, rows: tuple[int, int] | None, line: str) -> None:
     assert shown(info("a", sentence, rows=rows)) == [line]
 
 

@@ -323,7 +323,7 @@ def test_a_folder_that_can_t_be_made_is_a_storage_error(tmp_path: Path) -> None:
         ('[signal]\ntype = "square"\n[device.settings]\nmotor = "qube"\n', 3, "qube_servo_2"),
     ],
 )
-def test_a_mistake_in_an_experiment_is_told_with_its_line_before_anything_is_written(
+def test_a_mistake_in_an_experiment_is_reported_with_its_line_before_anything_is_written(
     servobench: Command, tmp_path: Path, wrong: str, line: int, said: str
 ) -> None:
     file = tmp_path / "wrong.toml"
@@ -366,7 +366,7 @@ def test_another_device_than_the_file_s_doesn_t_get_its_settings(
     assert "resistance" not in ended.err
 
 
-def test_a_device_that_lacks_a_setting_in_a_file_is_told_with_what_it_is(
+def test_a_device_that_lacks_a_setting_in_a_file_is_reported_with_what_it_is(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
     short.write_text(SHORT + '[device]\nname = "replay"\n')
@@ -379,7 +379,7 @@ def test_a_device_that_lacks_a_setting_in_a_file_is_told_with_what_it_is(
 
 @pytest.mark.parametrize("name", DEVICES.names())
 @pytest.mark.parametrize("command", [("panel", "--no-open"), ("honest",), ("run",), ("lab", "do", "step")])
-def test_whatever_a_named_device_can_t_do_without_is_told(
+def test_whatever_a_named_device_can_t_do_without_is_named(
     servobench: Command, tmp_path: Path, command: tuple[str, ...], name: str
 ) -> None:
     required = [key for key, field in DEVICES[name].Settings.model_fields.items() if field.is_required()]
@@ -602,7 +602,7 @@ def test_a_run_in_host_time_that_is_ended_from_outside_stops_the_motor_first(
     checked(json.loads((tmp_path / "run" / "result.json").read_text(encoding="utf-8")))
 
 
-def test_a_wish_that_was_not_reached_is_told_and_an_empty_one_refused(
+def test_a_wish_that_was_not_reached_is_reported_and_an_empty_one_refused(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
     ended = servobench("run", short, "--until", "gain=0.0000001%", "--out", tmp_path / "a", "--json")

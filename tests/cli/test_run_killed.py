@@ -96,7 +96,7 @@ def test_ctrl_c_before_a_run_begins_leaves_no_folder_and_says_so(host: Path, tmp
 
 @pytest.mark.long  # it waits for 15 s; tests/rig/loop/test_attendants.py has the same with a clock of its own
 @pytest.mark.promise("S23")
-def test_a_recorder_that_hangs_is_told_of_and_costs_nothing(host: Path, tmp_path: Path) -> None:
+def test_a_recorder_that_hangs_is_reported_and_costs_nothing(host: Path, tmp_path: Path) -> None:
     with started("run", host, "--out", tmp_path / "run") as child:
         await_motion(child)
         os.kill(children(child.pid, "recording_process")[0], signal.SIGSTOP)
@@ -110,7 +110,7 @@ def test_a_recorder_that_hangs_is_told_of_and_costs_nothing(host: Path, tmp_path
 
 
 @pytest.mark.promise("S56")
-def test_a_recorder_that_dies_before_the_run_begins_is_told_at_once_and_nothing_moves(
+def test_a_recorder_that_dies_before_the_run_begins_is_reported_at_once_and_nothing_moves(
     host: Path, tmp_path: Path
 ) -> None:
     with started("run", host, "--out", tmp_path / "run") as child:
@@ -132,7 +132,7 @@ def test_a_recorder_that_dies_before_the_run_begins_is_told_at_once_and_nothing_
 
 @pytest.mark.promise("S55")
 @pytest.mark.parametrize("how", ["removed", "renamed"])
-def test_a_folder_that_is_taken_away_in_a_run_costs_nothing_and_is_told(
+def test_a_folder_that_is_taken_away_in_a_run_costs_nothing_and_is_reported(
     host: Path, tmp_path: Path, how: str
 ) -> None:
     folder = tmp_path / "run"

@@ -169,7 +169,7 @@ def test_json_of_a_recording_holds_what_the_record_says_and_what_it_leaves_open(
     ("words", "because"),
     [(("--kp", "2 A"), "--kp 2 A"), (("--kp", "0"), "there is no loop"), (("--kp", "much"), "--kp much")],
 )
-def test_a_gain_that_is_none_is_told(
+def test_a_gain_that_is_none_is_reported(
     servobench: Command, finished_run: Path, words: tuple[str, ...], because: str
 ) -> None:
     ended = servobench("stability", finished_run, *words)
@@ -179,7 +179,7 @@ def test_a_gain_that_is_none_is_told(
     assert "Traceback" not in ended.err
 
 
-def test_a_result_that_is_not_there_is_told(servobench: Command, tmp_path: Path) -> None:
+def test_a_result_that_is_not_there_is_reported(servobench: Command, tmp_path: Path) -> None:
     ended = servobench("stability", tmp_path / "nothing.json")
 
     assert ended.status == 2
@@ -277,7 +277,7 @@ def test_what_is_not_known_is_not_judged(servobench: Command, finished_run: Path
     assert "margin 1" not in ended.out
 
 
-def test_a_doubtful_motor_is_told_first(servobench: Command, finished_run: Path, tmp_path: Path) -> None:
+def test_a_doubtful_motor_is_reported_first(servobench: Command, finished_run: Path, tmp_path: Path) -> None:
     document = json.loads((finished_run / "result.json").read_text(encoding="utf-8"))
     document["verdict"] = "doubtful"
     document["findings"].append(
@@ -313,7 +313,7 @@ def test_only_a_stable_loop_has_margins(servobench: Command, finished_run: Path)
     assert "no gain of this sign makes this loop stable" in " ".join(backwards.out.split())
 
 
-def test_the_gain_that_would_do_is_told_of_any_that_is_too_much(
+def test_the_gain_that_would_do_is_reported_of_any_that_is_too_much(
     servobench: Command, finished_run: Path
 ) -> None:
     """The limit is the motor's own, whichever gain it is told as a part of: the gain margin with 1 V/rad."""

@@ -63,7 +63,7 @@ def test_a_run_its_result_and_its_recording_give_the_same_gains(
         ((), "needs --damping and --bandwidth"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_had_is_told_without_a_traceback(
+def test_what_cannot_be_had_is_reported_without_a_traceback(
     servobench: Command, finished_run: Path, words: tuple[str, ...], because: str
 ) -> None:
     ended = servobench("tune", finished_run, *words)
@@ -73,7 +73,7 @@ def test_what_cannot_be_had_is_told_without_a_traceback(
     assert "Traceback" not in ended.err
 
 
-def test_a_result_that_is_not_there_is_told(servobench: Command, tmp_path: Path) -> None:
+def test_a_result_that_is_not_there_is_reported(servobench: Command, tmp_path: Path) -> None:
     ended = servobench("tune", tmp_path / "nothing.json", *WISH)
 
     assert ended.status == 2

@@ -632,7 +632,7 @@ def test_input_takes_the_time_that_somebody_takes_to_answer(
     [(2.0, 0.0, 1), (2.0, 1.0, 0), (0.0, 0.0, 0)],
     ids=["waits", "computes", "rests"],
 )
-def test_a_wait_that_nothing_simulates_is_told_once(
+def test_a_wait_that_nothing_simulates_is_reported_once(
     wall: list[float], capsys: pytest.CaptureFixture[str], voltage: float, computed: float, lines: int
 ) -> None:
     with install():

@@ -73,7 +73,7 @@ def test_every_command_that_takes_a_recording_has_all_options_of_reading(command
 
 
 @pytest.mark.parametrize("command", IDENTIFY)
-def test_every_command_that_identifies_may_be_told_that_the_motor_rested(command: str) -> None:
+def test_every_command_that_identifies_may_be_reported_that_the_motor_rested(command: str) -> None:
     assert "--starts-at-rest" in options(command)
 
 

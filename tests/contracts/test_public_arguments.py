@@ -61,7 +61,7 @@ def test_there_are_public_functions() -> None:
 
 @pytest.mark.parametrize("wrong", WRONG)
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_wrong_first_argument_is_told_in_a_sentence(
+def test_a_wrong_first_argument_is_reported_in_a_sentence(
     name: str, wrong: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if wrong in NO_MISTAKE.get(name, ()):
@@ -136,7 +136,7 @@ def test_no_wrong_argument_passes_a_foreign_error(name: str, argument: str) -> N
 
 
 @pytest.mark.parametrize("name", [name for name in sb.__all__ if inspect.isclass(getattr(sb, name))])
-def test_what_is_made_of_wrong_settings_is_told_in_a_sentence(name: str) -> None:
+def test_what_is_made_of_wrong_settings_is_reported_in_a_sentence(name: str) -> None:
     made = getattr(sb, name)
     for argument in inspect.signature(made).parameters:
         with pytest.raises((UsageError, TypeError)) as caught:

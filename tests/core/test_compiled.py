@@ -116,7 +116,7 @@ def zeroed(file: Path) -> None:
         pytest.param("nbc", zeroed, marks=pytest.mark.long),
     ],
 )
-def test_a_damaged_cache_is_told_once_and_renewed(
+def test_a_damaged_cache_is_reported_once_and_renewed(
     tmp_path: Path, use: Callable[..., tuple[str, str]], damaged: Callable[[Path], None], which: str
 ) -> None:
     assert use() == ("6.0 9.0 0 True", ONCE)
@@ -135,7 +135,7 @@ def test_a_damaged_cache_is_told_once_and_renewed(
 
 
 @pytest.mark.promise("S57")
-def test_where_nothing_can_be_written_it_is_told_once_and_compiled_each_time(
+def test_where_nothing_can_be_written_it_is_reported_once_and_compiled_each_time(
     tmp_path: Path, use: Callable[..., tuple[str, str]]
 ) -> None:
     # Files in the place of folders: the rights of a folder don't bind root.
@@ -153,7 +153,9 @@ def test_where_nothing_can_be_written_it_is_told_once_and_compiled_each_time(
 
 @pytest.mark.promise("S57")
 @pytest.mark.skipif(sys.platform == "win32", reason="ulimit is POSIX's")
-def test_code_that_finds_no_room_is_told_once(tmp_path: Path, use: Callable[..., tuple[str, str]]) -> None:
+def test_code_that_finds_no_room_is_reported_once(
+    tmp_path: Path, use: Callable[..., tuple[str, str]]
+) -> None:
     text = (tmp_path / "kernels.py").read_text()
     limit = "import resource, sys; sys.dont_write_bytecode = True; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
     (tmp_path / "kernels.py").write_text(text.replace("print(", f"{limit}print("))
@@ -167,7 +169,7 @@ def test_code_that_finds_no_room_is_told_once(tmp_path: Path, use: Callable[...,
     assert warned.count("\n") == 1
 
 
-def test_whoever_announces_compiling_in_his_own_way_is_not_told_twice(
+def test_whoever_announces_compiling_in_his_own_way_is_not_reported_twice(
     tmp_path: Path, use: Callable[..., tuple[str, str]]
 ) -> None:
     quiet = KERNELS.replace(

@@ -64,7 +64,7 @@ def test_the_members_are_imported_when_one_is_first_asked_for_and_kernels_not_ev
     assert "fruits.pear" in sys.modules
 
 
-def test_an_unknown_name_is_told_with_the_nearest_and_all_known_ones(fruits: Path) -> None:
+def test_an_unknown_name_is_reported_with_the_nearest_and_all_known_ones(fruits: Path) -> None:
     with pytest.raises(UnknownName) as caught:
         kind()["aple"]
     assert str(caught.value) == "no fruit called 'aple' (did you mean 'apple'?); known: apple, pear"

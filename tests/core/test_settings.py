@@ -57,7 +57,7 @@ def test_what_is_no_such_quantity_is_refused_where_it_stands(given: dict[str, ob
     assert expected in message(given)
 
 
-def test_an_unknown_key_is_told_with_the_nearest_and_all_known_ones_beside_all_other_mistakes() -> None:
+def test_an_unknown_key_is_reported_with_the_nearest_and_all_known_ones_beside_all_other_mistakes() -> None:
     said = message({"voltag": 1, "count": "{many}", "inner": {"levle": "{0}"}})
 
     assert (
@@ -127,7 +127,7 @@ def test_a_member_is_given_as_itself_or_as_a_table_with_its_name() -> None:
         (Inner(), (), "isn't a shape; expected a table with a type"),
     ],
 )
-def test_what_is_no_member_is_told_where_it_stands(
+def test_what_is_no_member_is_reported_where_it_stands(
     given: object, where: tuple[str, ...], expected: str
 ) -> None:
     with pytest.raises(ValidationError) as caught:

@@ -190,7 +190,7 @@ def test_a_quantity_is_read_in_the_unit_asked_for(given_text: str, si: str, expe
         ("1 2 V", "V", "'1 2 V': '2 V' isn't a unit"),
     ],
 )
-def test_what_is_no_such_quantity_is_told_with_what_was_expected(
+def test_what_is_no_such_quantity_is_reported_with_what_was_expected(
     given_value: object, si: str, message: str
 ) -> None:
     with pytest.raises(UnitError) as caught:

@@ -131,7 +131,7 @@ def document(**changed: Any) -> dict[str, Any]:
         {"sample_time": None},
     ],
 )
-def test_a_damaged_tuning_is_told(changed: dict[str, Any], tmp_path: Path) -> None:
+def test_a_damaged_tuning_is_reported(changed: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"tuning\.json"):
         law_of_tuning(document(**changed), "tuning.json")
 

@@ -149,7 +149,7 @@ def test_a_wheel_takes_the_place_of_what_the_file_says() -> None:
         (Wishes(measurement_delay=0.1, closed_loop=0.06), "a measurement 0.1 s late"),
     ],
 )
-def test_what_does_not_fit_is_told(answer: ResultSummary, wishes: Wishes, why: str) -> None:
+def test_what_does_not_fit_is_reported(answer: ResultSummary, wishes: Wishes, why: str) -> None:
     for target in TARGETS_OF_ROBOTS:
         with pytest.raises(UsageError, match=why):
             TARGETS[target]().render(answer, wishes, "drive")

@@ -121,7 +121,7 @@ def test_a_restart_of_the_device_is_no_way_on() -> None:
     assert np.array_equal(recording["counts"].values, plain["counts"].values[:500])
 
 
-def test_an_unplugged_encoder_is_told_as_injected_and_the_recording_goes_on() -> None:
+def test_an_unplugged_encoder_is_reported_as_injected_and_the_recording_goes_on() -> None:
     device = Faulty(Twin(TwinSettings()), [fault_from(table_of("encoder_unplugged from=1s"))])
     with device:
         recording = run(Experiment(duration=1.5, sample_time=H), device)

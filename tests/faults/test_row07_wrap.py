@@ -137,7 +137,7 @@ def leaping(step: int) -> NDArray[np.int64]:
 @pytest.mark.promise("S10")
 @pytest.mark.parametrize("bits", BITS)
 @pytest.mark.parametrize("direction", [1, -1])
-def test_in_a_file_a_step_of_half_the_range_is_told_and_not_believed(bits: int, direction: int) -> None:
+def test_in_a_file_a_step_of_half_the_range_is_reported_and_not_believed(bits: int, direction: int) -> None:
     """It may as well have been the other way; a little more looks like the other way, which shows after a steady speed."""
     half = 1 << (bits - 1)
     plain = recorded(leaping(0), bits, 0)

@@ -69,7 +69,7 @@ def is_right(path: Path, data: bytes, original: Recording) -> bool:
 
 @pytest.mark.promise("S26")
 @pytest.mark.parametrize(("kind", "flip"), [("whole", 0x01), ("part", 0xFF)])
-def test_each_byte_flipped_is_told_or_costs_the_end(
+def test_each_byte_flipped_is_reported_or_costs_the_end(
     tmp_path: Path, files: dict[str, bytes], kind: str, flip: int
 ) -> None:
     data = files[kind]

@@ -77,7 +77,7 @@ def test_a_time_that_repeats_or_goes_back_ends_the_run_before_it_is_recorded(tim
 
 @pytest.mark.promise("S33")
 @pytest.mark.parametrize("timing", devices())
-def test_a_jump_ahead_is_recorded_as_it_came_and_told_with_its_time_and_size(timing: str) -> None:
+def test_a_jump_ahead_is_recorded_as_it_came_and_reported_with_its_time_and_size(timing: str) -> None:
     recording = outcome(Faulty(devices()[timing](), [fault_from(table_of("clock_step from=1s by=50ms"))]))
 
     assert recording.stopped.reason == "finished"

@@ -55,7 +55,7 @@ def test_what_kills_worker_after_worker_is_one_row(cluster: Any) -> None:
     assert found == {number: 2 * number for number in (10, 11, 12, 14, 15, 16, 17)}
 
 
-def test_a_cluster_without_workers_is_told(tmp_path: Path) -> None:
+def test_a_cluster_without_workers_is_reported(tmp_path: Path) -> None:
     write_fleet(tmp_path / "stand", 1)
     with (
         distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None) as empty,

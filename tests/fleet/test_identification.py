@@ -120,7 +120,7 @@ def test_results_among_the_recordings_are_refused(nested: bool, tmp_path: Path) 
         ),
     ],
 )
-def test_a_source_without_recordings_is_told(
+def test_a_source_without_recordings_is_reported(
     files: tuple[str, ...], pattern: str | None, because: str, tmp_path: Path
 ) -> None:
     (tmp_path / "stand").mkdir()
@@ -133,7 +133,7 @@ def test_a_source_without_recordings_is_told(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_source_that_isn_t_there_is_told(tmp_path: Path) -> None:
+def test_a_source_that_isn_t_there_is_reported(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="there is no such folder"):
         identify_fleet(tmp_path / "nowhere", tmp_path / "out")
 
@@ -146,7 +146,7 @@ def test_a_source_that_isn_t_there_is_told(tmp_path: Path) -> None:
         ({"inputs": "u:V"}, "no option called 'inputs'"),
     ],
 )
-def test_what_is_wrong_for_every_file_is_told_before_the_first(
+def test_what_is_wrong_for_every_file_is_reported_before_the_first(
     options: dict[str, str], because: str, tmp_path: Path
 ) -> None:
     write_fleet(tmp_path / "stand", 1)

@@ -72,7 +72,7 @@ def test_the_risk_of_a_motor_that_passes_is_that_of_all_its_parameters(tmp_path:
         ("[gain", "isn't TOML"),
     ],
 )
-def test_what_is_no_limit_is_told_with_the_file(text: str, because: str, tmp_path: Path) -> None:
+def test_what_is_no_limit_is_reported_with_the_file(text: str, because: str, tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"limits\.toml") as raised:
         limits(text, tmp_path)
     assert because in str(raised.value)
@@ -86,6 +86,6 @@ def test_what_is_no_limit_is_told_with_the_file(text: str, because: str, tmp_pat
         ("[gain]\nlow = 22\nhigh = 21", r"low \(22\) isn't below high \(21\)"),
     ],
 )
-def test_limits_in_the_unit_of_something_else_are_told(text: str, because: str, tmp_path: Path) -> None:
+def test_limits_in_the_unit_of_something_else_are_reported(text: str, because: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=because):
         limits(text, tmp_path).judge(ROW)

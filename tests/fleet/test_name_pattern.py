@@ -35,6 +35,6 @@ def test_a_name_gives_its_columns(pattern: str, path: str, columns: dict[str, st
         ("{gain_low}.csv", "has a column gain_low already"),
     ],
 )
-def test_what_is_no_pattern_is_told(pattern: str, because: str) -> None:
+def test_what_is_no_pattern_is_reported(pattern: str, because: str) -> None:
     with pytest.raises(UsageError, match=because):
         NamePattern(pattern)

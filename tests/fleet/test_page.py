@@ -87,7 +87,7 @@ def test_motors_are_ordered_by_date_and_then_as_people_count(tmp_path: Path) -> 
     assert order.tolist() == list(range(40))
 
 
-def test_a_drift_is_told_and_its_absence_isn_t() -> None:
+def test_a_drift_is_reported_and_its_absence_isn_t() -> None:
     """Of 100 steady productions one shows a drift by chance, of 40 three or more once in 130 times."""
     random = np.random.default_rng(4)
     drifting = control_chart(random.normal(size=5000) + np.linspace(0, 1, 5000))

@@ -145,7 +145,7 @@ def test_settings_that_gave_no_result_at_all_are_put_right(tmp_path: Path) -> No
         Results(tmp_path / "out", SETTINGS).__enter__()
 
 
-def test_a_place_that_can_t_be_written_is_told(tmp_path: Path) -> None:
+def test_a_place_that_can_t_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
 
     with pytest.raises(StorageError, match="can't be written"):

@@ -11,7 +11,7 @@ from servobench.fleet.pool import Died, Processes
 from tests.fleet.works import double, double_once_killed, threads
 
 
-def test_results_come_in_the_order_of_the_things_and_the_deadly_one_is_told() -> None:
+def test_results_come_in_the_order_of_the_things_and_the_deadly_one_is_reported() -> None:
     with Processes(double, 2) as pool:
         found = dict(pool.results(range(30)))
 

@@ -90,7 +90,7 @@ def test_one_operator_has_no_reproducibility() -> None:
 
 
 @pytest.mark.parametrize("shape", [(1, 3, 3), (10, 3, 1), (0, 0, 0)])
-def test_a_study_without_repetition_is_told(shape: tuple[int, ...]) -> None:
+def test_a_study_without_repetition_is_reported(shape: tuple[int, ...]) -> None:
     with pytest.raises(UsageError, match="expected at least 2 parts"):
         gauge_study(np.zeros(shape))
 

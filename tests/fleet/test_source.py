@@ -70,12 +70,12 @@ def test_rows_from_an_archive_are_those_from_its_folder(tmp_path: Path) -> None:
         ("memory://empty-bucket", "holds no files"),
     ],
 )
-def test_an_address_that_leads_nowhere_is_told(address: str, because: str) -> None:
+def test_an_address_that_leads_nowhere_is_reported(address: str, because: str) -> None:
     with pytest.raises(UsageError, match=because):
         list_items(source_at(address), None)
 
 
-def test_a_file_that_is_gone_is_told(memory: str) -> None:
+def test_a_file_that_is_gone_is_reported(memory: str) -> None:
     with (
         pytest.raises(UsageError, match=r"3\.csv can't be fetched from memory://stand"),
         source_at(memory).local(Item("a/3.csv", "")),

@@ -58,7 +58,7 @@ def hanging(tmp_path: Path) -> Iterator[Bench]:
         ("enter", "keeps the lock", UNKNOWN),
     ],
 )
-def test_a_call_that_hangs_is_told_in_capitals_and_the_first_ctrl_c_ends_the_command(
+def test_a_call_that_hangs_is_reported_in_capitals_and_the_first_ctrl_c_ends_the_command(
     hanging: Bench, call: str, how: str, known: str
 ) -> None:
     hanging.begin(call=call, how=how)
@@ -85,7 +85,7 @@ def test_a_call_that_hangs_is_told_in_capitals_and_the_first_ctrl_c_ends_the_com
 
 @pytest.mark.promise("S42", "S43")
 @pytest.mark.parametrize("how", [pytest.param("blocks", marks=pytest.mark.long), "keeps the lock"])
-def test_a_stop_that_hangs_after_ctrl_c_is_told_and_ended_without_a_second_one(
+def test_a_stop_that_hangs_after_ctrl_c_is_reported_and_ended_without_a_second_one(
     hanging: Bench, how: str
 ) -> None:
     hanging.begin(call="stop", how=how)

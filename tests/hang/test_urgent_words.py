@@ -57,7 +57,7 @@ def test_a_stop_that_raised_is_said_before_anything_is_identified_and_ends_with_
 
 
 @pytest.mark.promise("S46")
-def test_a_loop_that_is_killed_is_told_of_at_once_in_capitals(hanging: Bench) -> None:
+def test_a_loop_that_is_killed_is_reported_at_once_in_capitals(hanging: Bench) -> None:
     hanging.begin()
     with Terminal(hanging, "run", hanging.experiment, "--out", hanging.out) as terminal:
         terminal.await_words("running")
@@ -76,7 +76,7 @@ def test_a_loop_that_is_killed_is_told_of_at_once_in_capitals(hanging: Bench) ->
 
 
 @pytest.mark.promise("S46")
-def test_an_error_of_a_device_that_is_closed_is_told_and_ends_with_status_4(hanging: Bench) -> None:
+def test_an_error_of_a_device_that_is_closed_is_reported_and_ends_with_status_4(hanging: Bench) -> None:
     hanging.begin(call="exit", how="raises", duration="1 s")
     ended = subprocess.run(
         [sys.executable, "-m", "servobench", "run", hanging.experiment, "--out", hanging.out],

@@ -125,7 +125,7 @@ def test_nominal_values_stand_beside_the_estimates() -> None:
     assert gain.z < -100  # the sheet knows no friction: it promises half a per cent more gain
 
 
-def test_held_out_data_are_simulated_and_told() -> None:
+def test_held_out_data_are_simulated_and_reported() -> None:
     result = identify(dataset(seed=1))
     assert result.validation is not None
     assert result.validation.fit_percent > 99.9
@@ -216,7 +216,7 @@ def test_a_time_column_in_milliseconds_that_nobody_named_is_doubted() -> None:
     assert "time-unit-doubtful" not in codes(identify(replace(slow, findings=())))
 
 
-def test_two_levels_of_the_input_are_told() -> None:
+def test_two_levels_of_the_input_are_reported() -> None:
     assert "two-levels" in codes(identify(dataset(seed=1)))
 
 
@@ -228,7 +228,7 @@ def test_a_model_that_fails_on_another_motor_is_doubted() -> None:
     assert result.verdict == Verdict.DOUBTFUL
 
 
-def test_a_recording_given_twice_is_told() -> None:
+def test_a_recording_given_twice_is_reported() -> None:
     """Its samples are what counts: a copy of the file under another name is the same recording."""
     from servobench.recordings.recording import Source
 
@@ -294,7 +294,7 @@ def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() ->
     assert "V read as mV?" in asked
 
 
-def test_the_sign_of_a_gain_that_nobody_knows_is_not_told() -> None:
+def test_the_sign_of_a_gain_that_nobody_knows_is_not_reported() -> None:
     from servobench.identification.trust.doubts.base import about_fit
 
     data = dataset(seed=1, kind="prbs")

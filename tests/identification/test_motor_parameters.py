@@ -152,7 +152,7 @@ def test_a_moving_shaft_is_no_stall() -> None:
     assert "stall-unused" in codes(found)
 
 
-def test_a_stated_value_that_the_current_contradicts_is_told() -> None:
+def test_a_stated_value_that_the_current_contradicts_is_reported() -> None:
     fit = fitted(with_current(5))
 
     assert "motor-parameters-disagree" in codes(motor_parameters(fit, known={"resistance": (4.2, 0.1)}))
@@ -171,7 +171,7 @@ def test_a_current_that_is_not_the_armatures_is_not_used(change: object) -> None
     assert "current-not-the-armatures" in codes(found)
 
 
-def test_an_input_that_never_holds_long_enough_is_told() -> None:
+def test_an_input_that_never_holds_long_enough_is_reported() -> None:
     """A winding of 14 ms at a sample time of 10 ms: it never settles before the input changes again."""
     random = np.random.default_rng(5)
     data = with_current(5, samples=1000)

@@ -138,7 +138,7 @@ def test_another_secret_student_or_exercise_gives_another_motor() -> None:
         assert mine.noise_seed != other.noise_seed
 
 
-def test_motors_have_the_ranges_that_are_told_and_fill_them_evenly() -> None:
+def test_motors_have_the_ranges_that_are_reported_and_fill_them_evenly() -> None:
     motors = [individual(SECRET, "step", f"s{number}") for number in range(400)]
     gain, time_constant, coulomb = np.array([physical(own) for own in motors]).T
     resistance = np.array([own.resistance for own in motors])
@@ -179,7 +179,7 @@ def test_a_new_secret_is_random_and_belongs_to_its_owner(tmp_path: Path) -> None
         read_secret(tmp_path / "one")
 
 
-def test_a_secret_that_is_short_long_or_not_there_is_told(tmp_path: Path) -> None:
+def test_a_secret_that_is_short_long_or_not_there_is_reported(tmp_path: Path) -> None:
     for name, content, said in (
         ("short", b"12345", "has 5 bytes; expected 32"),
         ("long", bytes(5000), "has more than 4096 bytes"),
@@ -249,7 +249,7 @@ def test_nothing_that_a_student_gets_tells_parameters_seed_or_secret(
     assert looked == len(CLASS) * 5  # form, page, table, recording, and what is packed in that
 
 
-def test_the_search_finds_what_is_hidden_where_it_is_told(tmp_path: Path, secret: Path) -> None:
+def test_the_search_finds_what_is_hidden_where_it_is_reported(tmp_path: Path, secret: Path) -> None:
     """The test above can fail: a recording of the twin itself with the same parameters tells them."""
     own = individual(SECRET, "step", "ada")
     with sb.connect("twin", **own.twin_settings) as motor:
@@ -329,7 +329,7 @@ def test_handing_out_again_gives_the_same_files(secret: Path, tmp_path: Path) ->
         assert (once / "ada" / name).read_bytes() == (again / "ada" / name).read_bytes()
 
 
-def test_a_secret_in_what_is_handed_out_is_told_before_anything_is_written(tmp_path: Path) -> None:
+def test_a_secret_in_what_is_handed_out_is_reported_before_anything_is_written(tmp_path: Path) -> None:
     (tmp_path / "hand").mkdir()
     new_secret(tmp_path / "hand" / "secret")
 
@@ -370,7 +370,7 @@ def test_what_only_the_true_parameters_tell_is_asked_of_nobody(secret: Path) -> 
     assert why["gain"] == why["time_constant"] == ""
 
 
-def test_an_exercise_on_another_device_is_told(secret: Path) -> None:
+def test_an_exercise_on_another_device_is_reported(secret: Path) -> None:
     step = exercise("step")
     elsewhere = step.experiment.model_copy(update={"device": DeviceChoice(name="replay")})
 
@@ -378,7 +378,7 @@ def test_an_exercise_on_another_device_is_told(secret: Path) -> None:
         Assessment(exercise=replace(step, experiment=elsewhere), secret_file=secret, secret=SECRET)
 
 
-def test_a_rule_with_a_misspelt_fact_is_told_with_its_line(tmp_path: Path) -> None:
+def test_a_rule_with_a_misspelt_fact_is_reported_with_its_line(tmp_path: Path) -> None:
     text = Path(exercise("step").source).read_text(encoding="utf-8")
     (tmp_path / "step.md").write_text(
         text.replace('answer = "read_gain"', 'answer = "red_gain"'), encoding="utf-8"
@@ -493,7 +493,7 @@ def test_a_roster_is_read_in_its_order_as_spreadsheets_write_it(
     assert [student.id for student in found] == ["z1", "a2", "m3"]
 
 
-def test_the_same_id_twice_is_told_with_both_lines(tmp_path: Path) -> None:
+def test_the_same_id_twice_is_reported_with_both_lines(tmp_path: Path) -> None:
     content = "student\nAda\nblaise\n ada \nBLAISE\n\u0041\u0308da\n\u00c4da\n"
 
     with pytest.raises(FormatError) as told:
@@ -516,7 +516,7 @@ def test_the_same_id_twice_is_told_with_both_lines(tmp_path: Path) -> None:
         (b"student\n\x00\x00", "is no text"),
     ],
 )
-def test_a_roster_that_can_t_be_read_is_told(tmp_path: Path, content: str | bytes, said: str) -> None:
+def test_a_roster_that_can_t_be_read_is_reported(tmp_path: Path, content: str | bytes, said: str) -> None:
     with pytest.raises(FormatError, match=said):
         read_roster(roster(tmp_path / "r.csv", content))
 
@@ -662,7 +662,9 @@ def test_two_forms_that_differ_count_for_nothing_until_somebody_chooses(secret: 
     assert blaise.points == 1
 
 
-def test_forms_of_another_secret_are_told_before_anybody_gets_a_mark(secret: Path, tmp_path: Path) -> None:
+def test_forms_of_another_secret_are_reported_before_anybody_gets_a_mark(
+    secret: Path, tmp_path: Path
+) -> None:
     made = assessment(secret)
     fill(tmp_path / "x.csv", {"lag": "20 ms"}, replace(made, secret=bytes(32)).code("ada"))
 
@@ -670,7 +672,7 @@ def test_forms_of_another_secret_are_told_before_anybody_gets_a_mark(secret: Pat
         marked(made, tmp_path)
 
 
-def test_what_can_t_be_read_is_told_and_recordings_are_no_forms(
+def test_what_can_t_be_read_is_reported_and_recordings_are_no_forms(
     secret: Path, tmp_path: Path, handed: tuple[Path, tuple[Handout, ...]]
 ) -> None:
     (tmp_path / "a.xlsx").write_bytes(b"PK\x03\x04")

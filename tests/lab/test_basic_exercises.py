@@ -482,7 +482,7 @@ def test_a_recording_alone_is_enough_for_what_reads_and_told_where_a_study_needs
         alone.study_result("breakaway")
 
 
-def test_what_does_not_fit_a_study_is_told() -> None:
+def test_what_does_not_fit_a_study_is_reported() -> None:
     here = stand("sinusoid")
     with pytest.raises(UsageError, match="40 levels at most"):
         Levels()(here)

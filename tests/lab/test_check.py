@@ -91,14 +91,14 @@ def test_what_is_within_the_tolerance_is_right_in_any_unit_of_its_kind(text: str
         ("9" * 200, "characters at most"),
     ],
 )
-def test_what_is_wrong_is_told(text: str, said: str) -> None:
+def test_what_is_wrong_is_reported(text: str, said: str) -> None:
     answer = check_blank(blank(tolerance="1 %"), text, TAU)
 
     assert not answer.right
     assert said in answer.sentence
 
 
-def test_a_mistake_that_the_exercise_knows_is_told_in_its_words_and_the_hint_otherwise() -> None:
+def test_a_mistake_that_the_exercise_knows_is_reported_in_its_words_and_the_hint_otherwise() -> None:
     rule = blank(
         hint="Look again.",
         mistakes=(Mistake(answer="1 / time_constant", sentence="That is the pole."),),
@@ -121,7 +121,7 @@ def test_of_a_number_below_zero_the_size_is_spoken_of(text: str, said: str) -> N
 
 
 @pytest.mark.parametrize("text", ["-10", "-10 1/s", "-10 rad/s", "−10.2rad/s"])
-def test_a_pole_may_be_told_in_radians_a_second_too(text: str) -> None:
+def test_a_pole_may_be_reported_in_radians_a_second_too(text: str) -> None:
     """The radian is the number one: python-control's `damp` and many a textbook have poles in rad/s."""
     assert check_blank(blank(unit="1/s", answer="-1 / time_constant"), text, TAU).right
 
@@ -133,7 +133,7 @@ def test_a_pole_in_hertz_is_told_to_be_a_frequency() -> None:
     assert "'-1.59 Hz' is a frequency" in said.sentence
 
 
-def test_a_part_of_one_is_told_from_per_cent() -> None:
+def test_a_part_of_one_is_reported_from_per_cent() -> None:
     level = blank(answer="100 * (1 - exp(-1))", unit="%", tolerance="0.5 %")
 
     assert "in per cent it is a hundred times as much" in check_blank(level, "0.632", TAU).sentence
@@ -152,11 +152,11 @@ def test_an_answer_may_be_worked_out_in_its_place(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["1/0", "9**9**9**9", "2 048", "2(3)", "5pi pi", "((1", "pie", "1/2 s 3", "time_constant"]
 )
-def test_what_cannot_be_worked_out_is_told_as_any_other_text(text: str) -> None:
+def test_what_cannot_be_worked_out_is_reported_as_any_other_text(text: str) -> None:
     assert "can't be read" in check_blank(blank(), text, TAU).sentence
 
 
-def test_the_right_answer_is_told_in_the_unit_that_a_bare_answer_is_taken_in() -> None:
+def test_the_right_answer_is_reported_in_the_unit_that_a_bare_answer_is_taken_in() -> None:
     # 0.1 s ± 5 % would be 100 ms with a prefix; 20 ms stay ms.
     assert right_answer(blank(), TAU) == "0.1000 ± 0.0050\u00a0s".replace(" ", "\u00a0")
     lag = blank(answer="200 * time_constant", unit="ms", tolerance="2 %")
@@ -205,7 +205,7 @@ Text.
 """
 
 
-def test_a_rule_that_asks_for_what_there_is_not_is_told_with_its_file_and_line() -> None:
+def test_a_rule_that_asks_for_what_there_is_not_is_reported_with_its_file_and_line() -> None:
     with pytest.raises(
         UsageError, match=r"mine\.md:5: blank 'one': no fact called 'gain' \(did you mean 'gains'"
     ):

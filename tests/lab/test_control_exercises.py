@@ -213,7 +213,7 @@ def test_the_margins_on_paper_and_as_it_runs() -> None:
     assert found["bandwidth"][0] == pytest.approx(math.sqrt(b + math.sqrt(b * b + a * a)), rel=1e-9)
 
 
-def test_how_a_pd_loop_follows_its_reference_is_told_beside_l_over_one_plus_l() -> None:
+def test_how_a_pd_loop_follows_its_reference_is_reported_beside_l_over_one_plus_l() -> None:
     """Θ/R = K kp/(τs² + (1 + K kd) s + K kp): |Θ/R|² = 1/2 at ω² = b + √(b² + a²), by algebra."""
     shown = stand("pd").study_result("margins")
     a, c = GAIN * 4.36 / TAU, (1 + GAIN * 0.164) / TAU

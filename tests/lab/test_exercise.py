@@ -156,7 +156,7 @@ def test_a_file_that_was_changed_is_read_again(tmp_path: Path) -> None:
         ("# What to do\n\nNothing +++ but this.\n", "", r"mine\.md:23: there is no text"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(old: str, new: str, said: str) -> None:
+def test_a_mistake_is_reported_with_its_line(old: str, new: str, said: str) -> None:
     assert GOOD.count(old) >= 1
 
     with pytest.raises(UsageError, match=said):
@@ -170,7 +170,7 @@ def test_a_dollar_sign_may_stand_for_money(text: str) -> None:
     read(GOOD.replace("Nothing", text))
 
 
-def test_a_mistake_in_a_blank_is_all_that_is_told_of_it() -> None:
+def test_a_mistake_in_a_blank_is_all_that_is_reported_of_it() -> None:
     with pytest.raises(UsageError) as told:
         read(GOOD.replace('label = "Other"', 'label = "Other"\nhints = "?"'))
 
@@ -305,7 +305,7 @@ def test_a_name_is_never_a_path(tmp_path: Path) -> None:
             exercise(name, folder)
 
 
-def test_a_file_that_is_no_text_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_no_text_is_reported(tmp_path: Path) -> None:
     (tmp_path / "bad.md").write_bytes(b"+++\n\xff\n")
 
     with pytest.raises(FormatError, match=r"bad\.md:2: this isn't UTF-8"):
@@ -314,6 +314,6 @@ def test_a_file_that_is_no_text_is_told(tmp_path: Path) -> None:
         load_exercise(tmp_path / "missing.md")
 
 
-def test_a_file_that_is_nested_too_deeply_is_told() -> None:
+def test_a_file_that_is_nested_too_deeply_is_reported() -> None:
     with pytest.raises(UsageError, match=r"mine\.md: its arrays or tables are nested too deeply"):
         read(GOOD.replace('title = "Mine"', f"title = {'[' * 5000}{']' * 5000}"))

@@ -58,7 +58,7 @@ def test_anything_else_is_refused_when_it_is_read(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["1 / (a - 3)", "log(b)", "(b) ** 0.5", "a ** 9999", "exp(1000)", "9.0 ** 60 ** 9"]
 )
-def test_what_has_no_value_is_told_and_costs_nothing(text: str) -> None:
+def test_what_has_no_value_is_reported_and_costs_nothing(text: str) -> None:
     with pytest.raises(UsageError, match="value"):
         Expression(text).evaluate(FACTS)
 

@@ -399,7 +399,7 @@ def test_the_ways_to_a_speed_have_the_lag_and_the_noise_of_their_equations() -> 
     assert numbers("noise", "ways", "lag")[:5] == pytest.approx(lags, rel=1e-6)
 
 
-def told_wrong(told: float, acceleration: float) -> float:
+def wrong_settings(told: float, acceleration: float) -> float:
     """The reading behind a Kalman filter that is told a time constant, of the motor's own counts without their steps."""
     T = 0.002
     e = math.exp(-T / told)
@@ -419,14 +419,16 @@ def told_wrong(told: float, acceleration: float) -> float:
     return float(np.interp(1 - math.exp(-1), np.array(speeds) / speeds[-1], t))
 
 
-def test_a_kalman_filter_shows_something_between_the_motor_and_what_it_was_told() -> None:
+def test_a_kalman_filter_shows_something_between_the_motor_and_what_it_was_set_to() -> None:
     readings = columns("noise", "ways")["reading"].values
 
     # What is left: the encoder's scatter, the winding's 0.14 ms, and a gain that the recording shows to 0.1 %.
-    assert readings[6] == pytest.approx(told_wrong(0.1, 10), abs=1e-3)
-    assert readings[7] == pytest.approx(told_wrong(0.13, 1), abs=1e-3)
+    assert readings[6] == pytest.approx(wrong_settings(0.1, 10), abs=1e-3)
+    assert readings[7] == pytest.approx(wrong_settings(0.13, 1), abs=1e-3)
     assert TAU + 0.005 < float(readings[7]) < 0.13
-    assert numbers("noise", "ways", "bias")[7] == pytest.approx(1e3 * (told_wrong(0.13, 1) - TAU), abs=0.3)
+    assert numbers("noise", "ways", "bias")[7] == pytest.approx(
+        1e3 * (wrong_settings(0.13, 1) - TAU), abs=0.3
+    )
 
 
 def test_the_errors_of_readings_are_those_of_random_runs() -> None:

@@ -146,7 +146,7 @@ def test_nearby_speeds_pass_the_level_at_every_part_of_a_count() -> None:
     assert np.mean([rise.speed for rise in nearby(RISE, T, STEP, 10)]) == pytest.approx(RISE.speed, rel=1e-12)
 
 
-def test_a_speed_that_moves_no_count_is_told() -> None:
+def test_a_speed_that_moves_no_count_is_reported() -> None:
     with pytest.raises(NotIdentifiable, match="larger step"):
         reading_error(Chain.parse("derivative"), Rise(speed=1e-6, time_constant=0.1), T, STEP, 1)
     with pytest.raises(UsageError, match="steady speed"):
@@ -236,6 +236,6 @@ def test_a_tachometer_of_times_reads_nearly_the_truth() -> None:
         (lambda: count_fraction(math.nan, 0.01, 0.003), "the speed is nan rad/s"),
     ],
 )
-def test_what_is_no_reading_is_told_with_the_value(asked: Callable[[], object], because: str) -> None:
+def test_what_is_no_reading_is_reported_with_the_value(asked: Callable[[], object], because: str) -> None:
     with pytest.raises(UsageError, match=because):
         asked()

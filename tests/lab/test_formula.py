@@ -92,7 +92,7 @@ def test_a_formula_is_a_line_of_text_in_a_terminal(source: str, text: str) -> No
         ("()", "nothing between two brackets"),
     ],
 )
-def test_what_cannot_be_read_is_told(source: str, why: str) -> None:
+def test_what_cannot_be_read_is_reported(source: str, why: str) -> None:
     with pytest.raises(FormatError, match=r"the formula \$.* can't be read") as caught:
         formula_html(source)
 
@@ -135,7 +135,7 @@ def test_a_terminal_gets_text() -> None:
     assert "".join(each.content for each in inline.children or ()) == "The frequency ωₙ of 1/s."
 
 
-def test_a_mistake_in_a_formula_is_told_with_file_and_line_when_the_exercise_is_read() -> None:
+def test_a_mistake_in_a_formula_is_reported_with_file_and_line_when_the_exercise_is_read() -> None:
     front = """+++
 title = "x"
 [experiment]

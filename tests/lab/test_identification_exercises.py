@@ -703,7 +703,7 @@ def test_methods_of_another_motor_are_held_against_its_own_truth() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_figures_are_drawn_wide_and_narrow_and_told_in_words(name: str) -> None:
+def test_figures_are_drawn_wide_and_narrow_and_reported_in_words(name: str) -> None:
     found = exercise(name)
     for study in found.studies:
         for figure in stand(name).study_result(study).figures:

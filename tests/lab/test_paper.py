@@ -255,7 +255,7 @@ def _figures(text: str) -> set[int]:
     return {n for first, last in spans for n in range(int(first), int(last or first) + 1)}
 
 
-def test_nowhere_is_it_told_as_known_where_the_papers_time_constant_comes_from() -> None:
+def test_nowhere_is_it_reported_as_known_where_the_papers_time_constant_comes_from() -> None:
     """The paper has 0.13 s in its poles alone, without a derivation or a reading; that a filter's lag is in it is a guess."""
     told = [
         sentence

@@ -153,7 +153,7 @@ def test_studies_that_need_each_other_are_a_mistake_with_its_line() -> None:
         stand_on_the_twin(read(text)).study_result("first")
 
 
-def test_a_mistake_in_a_study_is_told_with_its_line_and_the_names_that_there_are() -> None:
+def test_a_mistake_in_a_study_is_reported_with_its_line_and_the_names_that_there_are() -> None:
     text = FILE.replace("2 * first_value_1", "2 * first_valeu_1")
 
     with pytest.raises(
@@ -163,7 +163,7 @@ def test_a_mistake_in_a_study_is_told_with_its_line_and_the_names_that_there_are
         stand_on_the_twin(read(text)).study_result("second")
 
 
-def test_a_study_that_is_not_there_is_told() -> None:
+def test_a_study_that_is_not_there_is_reported() -> None:
     with pytest.raises(UnknownName, match="no study called 'frist'"):
         stand_on_the_twin(read()).study_result("frist")
 
@@ -186,7 +186,7 @@ def test_a_recording_that_says_nothing_of_its_device_is_not_enough() -> None:
         stand_of(read(), recording)
 
 
-def test_where_the_recording_tells_nothing_a_misspelt_fact_is_still_told_as_one() -> None:
+def test_where_the_recording_tells_nothing_a_misspelt_fact_is_still_reported_as_one() -> None:
     text = FILE.replace('value = "2 V"', 'value = "0.01 V"').replace(
         'duration = "1 s"', 'duration = "1 s"\nchain = "derivative | lowpass 50 rad/s"'
     )
@@ -251,7 +251,7 @@ def test_the_text_is_cut_where_studies_stand() -> None:
         ("{{second}}", "{{ first }}", r"two\.md:45: the study 'first' stands in line 42 already"),
     ],
 )
-def test_a_place_for_no_study_is_told_with_its_line(old: str, new: str, said: str) -> None:
+def test_a_place_for_no_study_is_reported_with_its_line(old: str, new: str, said: str) -> None:
     with pytest.raises(FormatError, match=said):
         read(FILE.replace(old, new))
 

@@ -1,4 +1,4 @@
-"""An exercise worked through: what a lecturer is told of it, and what isn't told as a figure."""
+"""An exercise worked through: what a lecturer is told of it, and what isn't known as a figure."""
 
 import io
 from pathlib import Path
@@ -32,29 +32,29 @@ def shown(worked: WorkedExercise, width: int = 80) -> str:
 def test_the_guides_exercise_has_nothing_to_tell_a_lecturer() -> None:
     worked = half()
 
-    assert worked.never_told == ()
+    assert worked.unnoticed_mistakes == ()
     assert worked.limited == ""
 
 
-def test_a_mistake_that_counts_as_right_is_told() -> None:
+def test_a_mistake_that_counts_as_right_is_reported() -> None:
     """0.7 is 1 % more than ln 2 = 0.693, and 5 % are allowed; half of τ is 28 % less."""
     worked = half('"500 * time_constant"', '"700 * time_constant"')
 
-    (sentence,) = worked.never_told
+    (sentence,) = worked.unnoticed_mistakes
     assert sentence.startswith(
         "half: the mistake `700 * time_constant` is within the tolerance of the right answer"
     )
     assert "! half: the mistake" in shown(worked)
 
 
-def test_a_mistake_that_cannot_be_worked_out_is_told_with_its_line() -> None:
+def test_a_mistake_that_cannot_be_worked_out_is_reported_with_its_line() -> None:
     with pytest.raises(
         UsageError, match=r"half\.md:16: blank 'half', a mistake: no fact called 'way_value_9'"
     ):
-        _ = half('"500 * time_constant"', '"way_value_9"').never_told
+        _ = half('"500 * time_constant"', '"way_value_9"').unnoticed_mistakes
 
 
-def test_a_signal_beyond_the_limit_is_told() -> None:
+def test_a_signal_beyond_the_limit_is_reported() -> None:
     """The twin is given 10 V at most, as its data sheet says."""
     worked = half('final = "2 V"', 'final = "50 V"')
 
@@ -77,8 +77,8 @@ def test_what_the_recording_does_not_tell_stands_below_the_table() -> None:
     """The step comes after the end, so that the motor never turns."""
     text = shown(half('start = "1 s"', 'start = "9 s"'))
 
-    assert "  half   not told  Time until half of the steady speed" in text
-    assert "! half isn't told: the recording tells no time_constant" in text
+    assert "  half   not known  Time until half of the steady speed" in text
+    assert "! half isn't known: the recording tells no time_constant" in text
     assert ".." not in text
     assert ".:" not in text
     assert max(map(len, text.splitlines())) <= 80
@@ -95,5 +95,5 @@ def test_what_is_known_by_less_than_its_own_size_is_no_answer_and_no_figure() ->
         in corrected.ours
     )
     # Nor is there an answer: anything would lie within that interval.
-    assert "! half isn't told: the recording doesn't determine time_constant" in shown(worked)
+    assert "! half isn't known: the recording doesn't determine time_constant" in shown(worked)
     assert "s, as large as itself" in corrected.ours

@@ -101,7 +101,7 @@ def looked(room: Room) -> None:
 
 
 @pytest.mark.promise("S48")
-def test_zero_volts_are_put_out_where_the_operators_page_falls_silent_and_why_is_told(
+def test_zero_volts_are_put_out_where_the_operators_page_falls_silent_and_why_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def story(room: Room) -> None:

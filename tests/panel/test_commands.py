@@ -39,7 +39,9 @@ def in_sequence(*signals: object) -> dict[str, Any]:
         (WRONG, "low: 'x' isn't a number"),
     ],
 )
-def test_a_mistake_in_a_signal_is_told_by_the_number_of_its_part(signal: dict[str, Any], told: str) -> None:
+def test_a_mistake_in_a_signal_is_reported_by_the_number_of_its_part(
+    signal: dict[str, Any], told: str
+) -> None:
     with pytest.raises(UsageError) as drawn:
         preview_signal({"signal": signal}, Experiment())
     assert str(drawn.value).startswith(told)

@@ -129,7 +129,7 @@ def test_a_gain_is_in_the_unit_of_what_is_followed(output: Any, expected: str) -
     assert settings(drawn(Experiment(controller=feedback)), "controller")["reference_gain"] == (3.0, expected)
 
 
-def test_signals_within_a_signal_are_told_one_by_one() -> None:
+def test_signals_within_a_signal_are_reported_one_by_one() -> None:
     shown = settings(drawn(Experiment(signal=Sum(parts=(Square(low=2), Sine(amplitude=0.5))))), "signal")
 
     assert shown["parts[0].type"] == ("square", "")

@@ -339,7 +339,7 @@ def test_what_studies_find_is_shown_in_its_place_when_it_is_asked_for(opened: An
     assert page.title() == "test"  # nothing that is hostile has run
 
 
-def test_what_can_not_be_shown_is_told_and_can_be_asked_for_again(opened: Any) -> None:
+def test_what_can_not_be_shown_is_reported_and_can_be_asked_for_again(opened: Any) -> None:
     page = opened("exercises", STUDIED | {"/api/exercises/step/results": None})
     page.get_by_role("button", name=SHOWN.title).click()
     page.get_by_role("button", name="Show the results").click()

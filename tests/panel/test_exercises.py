@@ -113,7 +113,7 @@ def test_an_exercise_that_is_not_there_is_404_with_those_that_are(name: str) -> 
         b'{"answers": {"nothing": "1"}}',
     ],
 )
-def test_a_body_that_is_no_answers_is_told(body: bytes) -> None:
+def test_a_body_that_is_no_answers_is_reported(body: bytes) -> None:
     status, said = ask("POST", "/api/exercises/encoder/check", content=body)
 
     assert status == 400
@@ -167,7 +167,7 @@ def test_a_lecturers_folder_takes_the_place_of_ours(folder: Path) -> None:
     assert (status, said["answers"]["one"]["right"]) == (200, True)
 
 
-def test_a_file_with_a_mistake_is_told_and_takes_no_other_away(folder: Path) -> None:
+def test_a_file_with_a_mistake_is_reported_and_takes_no_other_away(folder: Path) -> None:
     (folder / "mine.md").write_text(GOOD, encoding="utf-8")
     (folder / "bad.md").write_text(GOOD.replace('"exact"', '"so so"'), encoding="utf-8")
 
@@ -231,7 +231,7 @@ def test_what_studies_find_is_worked_out_once_until_the_file_changes(folder: Pat
     assert ask("GET", "/api/exercises/mine/results")[1]["corrections"][0]["ours"] == "6144"
 
 
-def test_a_study_that_can_not_be_carried_out_is_told_with_its_line(folder: Path) -> None:
+def test_a_study_that_can_not_be_carried_out_is_reported_with_its_line(folder: Path) -> None:
     text = GOOD.replace("[[blanks]]", STUDY.replace("counts_per_rev", "counts_a_rev"))
     (folder / "mine.md").write_text(text.replace("Enter one.", "{{ twice }}"), encoding="utf-8")
 
@@ -269,7 +269,7 @@ def test_what_answers_are_held_against_is_found_once_and_elsewhere(folder: Path)
     assert [(each["do"], each["names"]) for each in WORKED] == [("facts", ["counts_per_rev"])]
 
 
-def test_a_fact_that_is_not_there_is_told_with_those_that_are(folder: Path) -> None:
+def test_a_fact_that_is_not_there_is_reported_with_those_that_are(folder: Path) -> None:
     (folder / "mine.md").write_text(GOOD.replace('answer = "1"', 'answer = "counts_a_rev"'), encoding="utf-8")
 
     for _ in range(2):

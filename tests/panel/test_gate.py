@@ -443,14 +443,14 @@ def test_whatever_a_route_refuses_is_a_sentence_in_json(served: Served, way: Way
 
 
 @pytest.mark.parametrize("path", ["/nowhere", "/api/nowhere", "/api/recordings/", "/ws", "/static/a/b"])
-def test_a_path_that_there_is_not_is_told_as_json(served: Served, path: str) -> None:
+def test_a_path_that_there_is_not_is_reported_as_json(served: Served, path: str) -> None:
     answer = served.http.get(path)
 
     assert answer.status_code == 404
     assert path in told(answer)
 
 
-def test_a_mistake_of_the_panel_itself_is_told_as_json(
+def test_a_mistake_of_the_panel_itself_is_reported_as_json(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken() -> None:

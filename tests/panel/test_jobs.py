@@ -85,7 +85,7 @@ def test_what_the_last_one_took_tells_what_is_left_of_the_next(clock: Clock) -> 
     asyncio.run(story())
 
 
-def test_of_a_first_one_its_steps_are_told_and_compiling_is_no_part_of_its_pace(clock: Clock) -> None:
+def test_of_a_first_one_its_steps_are_reported_and_compiling_is_no_part_of_its_pace(clock: Clock) -> None:
     async def story() -> None:
         room = Room(clock)
 
@@ -209,7 +209,7 @@ def test_the_filter_of_the_scopes_is_no_part_of_an_identification(tmp_path: Path
     assert f"servobench identify {path.name}" in path.with_name("report.html").read_text(encoding="utf-8")
 
 
-def test_where_nothing_is_compiled_yet_that_is_told(
+def test_where_nothing_is_compiled_yet_that_is_reported(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A cache of its own, which is empty: as after an installation. It is ended once it goes on, as all of it takes long."""
@@ -261,7 +261,7 @@ def test_what_goes_wrong_elsewhere_is_the_error_that_it_was_there(tmp_path: Path
         asyncio.run(do_elsewhere(nothing))
 
 
-def test_a_process_that_dies_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_dies_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work.sys, "executable", "/bin/false")
     with pytest.raises(UsageError, match="ended with status 1: without a word"):
         asyncio.run(do_elsewhere({"do": "identify"}))

@@ -309,7 +309,7 @@ def test_a_recording_is_uploaded_noted_deleted_and_downloaded(served: Served, tm
     assert http.post("/api/upload?name=mine.csv", headers=upload, content=b"x").status_code == 400
 
 
-def test_a_file_that_cannot_be_read_is_told_by_the_recordings_name(served: Served, folder: Path) -> None:
+def test_a_file_that_cannot_be_read_is_reported_by_the_recordings_name(served: Served, folder: Path) -> None:
     session = served.session()
     headers = served.headers(session)
     a_recording(served.panel.library, "junk")

@@ -181,7 +181,7 @@ def test_who_watches_can_stop_and_nothing_else(panel: Panel, browser: Any, serve
     second.context.close()
 
 
-def test_a_fault_is_told_with_its_reason_until_it_is_acknowledged(panel: Panel) -> None:
+def test_a_fault_is_reported_with_its_reason_until_it_is_acknowledged(panel: Panel) -> None:
     panel.page.evaluate("fetch('/fake/fault', {method: 'POST'})")
     alert = panel.page.get_by_role("alert").filter(has_text="Fault")
     alert.wait_for()
@@ -229,7 +229,7 @@ CONTROLS = (
 )
 
 
-def test_a_device_that_is_being_opened_is_told_and_everything_waits_with_the_reason(panel: Panel) -> None:
+def test_a_device_that_is_being_opened_is_reported_and_everything_waits_with_the_reason(panel: Panel) -> None:
     panel.bench.opening = {"device": "twin", "doing": "starting the loop", "step": 1, "of": 2, "seconds": 7.2}
     strip = panel.page.get_by_role("region", name="Opening")
     strip.wait_for()
@@ -495,7 +495,7 @@ def example(signal: Any) -> dict[str, Any]:
     return {key: field.examples[0] for key, field in fields if field.is_required()}
 
 
-def test_a_signal_that_cannot_be_is_told_before_it_is_sent(panel: Panel) -> None:
+def test_a_signal_that_cannot_be_is_reported_before_it_is_sent(panel: Panel) -> None:
     panel.page.get_by_role("spinbutton", name="Low").fill("5")
     panel.page.locator("#signal .trouble").get_by_text("high = 3 is below low = 5").wait_for()
 
@@ -568,7 +568,7 @@ def chosen(panel: Panel, size: int) -> None:
     panel.page.locator("#import-file").set_input_files(files=[file])
 
 
-def test_a_file_that_is_too_large_is_told_before_it_is_sent(panel: Panel) -> None:
+def test_a_file_that_is_too_large_is_reported_before_it_is_sent(panel: Panel) -> None:
     panel.tab("Recordings")
     chosen(panel, LARGEST + 10**5)
     panel.page.locator("#toast").get_by_text(
@@ -794,7 +794,7 @@ def test_an_exercise_changes_nothing_that_turns(exercise: Panel) -> None:
     assert not [asked for asked in exercise.bench.received if asked["do"] == "open"]
 
 
-def test_a_part_that_is_not_there_is_told_and_takes_nothing_away(panel: Panel) -> None:
+def test_a_part_that_is_not_there_is_reported_and_takes_nothing_away(panel: Panel) -> None:
     panel.page.route("**/static/diagram.js", lambda route: route.abort())
     panel.tab("Block diagram")
     panel.page.get_by_text("This part can't be shown").wait_for()

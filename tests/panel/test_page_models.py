@@ -179,7 +179,7 @@ def test_chance_is_that_of_the_normal_distribution(panel: Panel) -> None:
     assert found == pytest.approx([math.erfc(z / math.sqrt(2)) for z in distances], abs=1.5e-7, rel=0)
 
 
-def test_an_interval_that_lies_askew_is_told_by_its_ends(panel: Panel) -> None:
+def test_an_interval_that_lies_askew_is_reported_by_its_ends(panel: Panel) -> None:
     def told(value: float, low: float, high: float) -> Any:
         given = f"{{value: {value}, sd: 1, interval: [{low}, {high}], unit: 'V'}}"
         return panel.page.evaluate(f"import('/static/models.js').then((m) => m.withInterval({given}))")

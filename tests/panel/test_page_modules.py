@@ -206,7 +206,7 @@ def test_what_is_not_known_of_a_recording_is_left_out_and_positions_begin_at_its
     assert b == [0, None, 3]
 
 
-def test_short_times_are_told_in_milliseconds(call: Call) -> None:
+def test_short_times_are_reported_in_milliseconds(call: Call) -> None:
     given = [
         {"value": 0.00025, "interval": [0.0, 0.0005], "unit": "s"},
         {"value": 0.09, "interval": [0.08, 0.1], "unit": "s"},
@@ -217,7 +217,7 @@ def test_short_times_are_told_in_milliseconds(call: Call) -> None:
     assert others == given[1:]
 
 
-def test_the_time_that_is_left_is_told_as_far_as_it_is_known(call: Call) -> None:
+def test_the_time_that_is_left_is_reported_as_far_as_it_is_known(call: Call) -> None:
     known = {"doing": "identifying", "seconds": 30.0, "left": 90.0}
     unknown = {"doing": "identifying", "seconds": 61.0, "left": None}
     told = call("progress", "(m, g) => g.map(m.workProgress)", [known, unknown])
@@ -225,7 +225,7 @@ def test_the_time_that_is_left_is_told_as_far_as_it_is_known(call: Call) -> None
     assert told[1] == {"share": None, "sentence": "identifying  ·  1:01 so far"}
 
 
-def test_why_nothing_can_be_set_is_told_in_a_sentence(call: Call) -> None:
+def test_why_nothing_can_be_set_is_reported_in_a_sentence(call: Call) -> None:
     states = [
         None,
         {"opening": {"device": "twin"}, "operator": True},
@@ -314,7 +314,7 @@ def test_a_signal_is_drawn_over_all_its_parts(call: Call, signal: dict[str, Any]
         (None, None, "not a number that can be drawn"),
     ],
 )
-def test_a_range_is_told_in_the_digits_that_it_has_use_for(
+def test_a_range_is_reported_in_the_digits_that_it_has_use_for(
     call: Call, low: Any, high: Any, words: str
 ) -> None:
     assert (
@@ -370,7 +370,7 @@ def test_a_scope_shows_what_a_filter_has_left_at_rest_as_nothing(call: Call) -> 
         assert top - bottom > 1e-3
 
 
-def test_half_an_interval_is_told_in_percent_unless_it_is_wider_than_its_value(call: Call) -> None:
+def test_half_an_interval_is_reported_in_percent_unless_it_is_wider_than_its_value(call: Call) -> None:
     half = (
         "(live, { value, low, high, unit }) => live.halfWidth(value, low === null ? null : [low, high], unit)"
     )

@@ -169,7 +169,7 @@ def wrong(panel: Panel, text: str) -> None:
     panel.page.locator("#signal .trouble").get_by_text(text).wait_for()
 
 
-def test_a_mistake_in_a_part_is_told_by_the_parts_number(panel: Panel) -> None:
+def test_a_mistake_in_a_part_is_reported_by_the_parts_number(panel: Panel) -> None:
     choose(panel, "sequence")
     fill(part(panel, "Segment 2 of 2"), Duration="")
     wrong(panel, "Segment 2: Duration: nothing is filled in")

@@ -66,7 +66,9 @@ def test_stop_is_within_the_dialog_of_the_device(driving: Panel) -> None:
     driving.until(lambda: "STOP was pressed" in said(driving, "#start-status"))
 
 
-def test_a_line_that_says_nothing_is_told_and_nothing_is_shown_as_if_it_were_so_now(driving: Panel) -> None:
+def test_a_line_that_says_nothing_is_reported_and_nothing_is_shown_as_if_it_were_so_now(
+    driving: Panel,
+) -> None:
     driving.bench.silent = True
     knows_nothing(driving)
     assert "no data" in said(driving, "[data-light=link]") or "lost" in said(driving, "[data-light=link]")
@@ -78,7 +80,7 @@ def test_a_line_that_says_nothing_is_told_and_nothing_is_shown_as_if_it_were_so_
     driving.page.locator("#toast").get_by_text("Connected again after").wait_for()
 
 
-def test_why_the_motor_stands_is_told_when_the_connection_is_back(driving: Panel) -> None:
+def test_why_the_motor_stands_is_reported_when_the_connection_is_back(driving: Panel) -> None:
     driving.bench.drop_all()
     driving.until(lambda: not driving.bench.motor.enabled)
     driving.bench.stopped = "the operator's page is gone; the voltage is zero"
@@ -104,7 +106,7 @@ def test_a_device_that_was_closed_has_no_voltage_on_the_page(driving: Panel) -> 
     driving.until(lambda: reading(driving) == "not known now" and said(driving, "#run") == "Fault")
 
 
-def test_a_stop_that_nobody_heard_is_told_until_the_loop_has_acknowledged_one(driving: Panel) -> None:
+def test_a_stop_that_nobody_heard_is_reported_until_the_loop_has_acknowledged_one(driving: Panel) -> None:
     told = driving.page.locator("#stop-told")
     driving.bench.silent = True
     driving.page.locator("#stop").click()
@@ -117,14 +119,16 @@ def test_a_stop_that_nobody_heard_is_told_until_the_loop_has_acknowledged_one(dr
     driving.until(lambda: not told.is_visible() and not driving.bench.motor.enabled)
 
 
-def test_a_stop_that_the_loop_did_not_acknowledge_is_told_though_the_server_answered(driving: Panel) -> None:
+def test_a_stop_that_the_loop_did_not_acknowledge_is_reported_though_the_server_answered(
+    driving: Panel,
+) -> None:
     driving.bench.deaf = True
     driving.page.locator("#stop").click()
     driving.until(driving.page.locator("#stop-told").is_visible)
     assert driving.bench.motor.enabled
 
 
-def test_who_watches_is_not_told_that_the_motor_stops_by_itself(
+def test_who_watches_is_not_reported_that_the_motor_stops_by_itself(
     driving: Panel, browser: Any, server: tuple[str, Any]
 ) -> None:
     second = Panel(browser, *server)

@@ -137,6 +137,6 @@ def test_a_short_time_is_long_enough_to_see_what_is_put_out() -> None:
 
 
 @pytest.mark.parametrize("duration", [0, -1, "ten", None, math.inf, math.nan])
-def test_a_duration_that_cannot_be_is_told(duration: object) -> None:
+def test_a_duration_that_cannot_be_is_reported(duration: object) -> None:
     with pytest.raises(UsageError, match="expected a number above 0"):
         preview_signal({"signal": {"type": "sine"}, "duration": duration}, Experiment())

@@ -200,7 +200,7 @@ def test_a_stop_has_the_number_that_the_loop_acknowledges(tmp_path: Path) -> Non
     played(tmp_path, story)
 
 
-def test_why_the_motor_stands_is_told_to_who_comes_later_until_it_is_started(tmp_path: Path) -> None:
+def test_why_the_motor_stands_is_reported_to_who_comes_later_until_it_is_started(tmp_path: Path) -> None:
     async def story(room: Room) -> None:
         one = await room.page()
         await room.say(one, do="lease")
@@ -239,7 +239,7 @@ def test_rows_tell_that_it_goes_on_and_where_they_end_something_else_does() -> N
     asyncio.run(asyncio.wait_for(story(), 60))
 
 
-def test_a_limit_of_the_device_before_is_not_told_of_the_next_one(tmp_path: Path) -> None:
+def test_a_limit_of_the_device_before_is_not_reported_of_the_next_one(tmp_path: Path) -> None:
     async def story(room: Room) -> None:
         one = await room.page()
         room.motor._standing.limited, room.motor._standing.limited_until = (
@@ -475,7 +475,7 @@ def test_a_device_that_cannot_be_followed_is_closed_again(
     played(tmp_path, story)
 
 
-def test_a_loop_that_ended_is_told_and_lets_nothing_be_done_until_another_is_open(tmp_path: Path) -> None:
+def test_a_loop_that_ended_is_reported_and_lets_nothing_be_done_until_another_is_open(tmp_path: Path) -> None:
     async def story(room: Room) -> None:
         page = await room.page()
         await room.say(page, do="lease")
@@ -641,7 +641,7 @@ def test_a_loop_whose_identification_cannot_be_started_is_closed(tmp_path: Path)
 
 
 @pytest.mark.promise("S42")
-def test_what_the_loop_warns_of_is_told_to_every_page_once(tmp_path: Path) -> None:
+def test_what_the_loop_warns_of_is_reported_to_every_page_once(tmp_path: Path) -> None:
     async def story(room: Room) -> None:
         page = await room.page("viewer")
         room.loop.warnings = ("NO ANSWER FROM THE DEVICE FOR 0.8 S TO A READ; SWITCH OFF THE SUPPLY",)

@@ -93,11 +93,11 @@ def test_the_pole_of_the_mode_that_is_left_is_within_its_interval(pole: float) -
 
     assert stretch.exponent is not None
     assert stretch.exponent[0] <= pole <= stretch.exponent[1]
-    told_apart = (
+    distinguished = (
         abs(pole) > 0.01
     )  # a slope's interval is 1.5 quanta over 0.6 s, 1/2700 of 20 rad/s; twice that over 0.6 s
-    assert told_apart == (stretch.exponent[0] * stretch.exponent[1] > 0)
-    if told_apart:
+    assert distinguished == (stretch.exponent[0] * stretch.exponent[1] > 0)
+    if distinguished:
         assert ("got faster" if pole > 0 else "got slower") in stretch.sentence
     else:
         slowest = plain(-1 / stretch.exponent[0], 2)
@@ -147,7 +147,7 @@ def test_the_bound_of_the_input_is_that_of_what_acted_before_the_record_too() ->
     assert bibo(replace(record(counted(motor(1.0))), input_before=-3.0)).input_bound == 3.0
 
 
-def test_of_many_stretches_the_six_longest_are_told_in_their_order() -> None:
+def test_of_many_stretches_the_six_longest_are_reported_in_their_order() -> None:
     lengths = np.array([0.30, 0.22, 0.28, 0.20, 0.26, 0.32, 0.24])  # and 0.68 s that are left
     starts = np.append(0.0, np.cumsum(lengths))
     level = np.searchsorted(starts, T + 1e-9) % 2 + 1.0

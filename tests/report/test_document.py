@@ -38,12 +38,12 @@ def test_a_full_disk_leaves_the_earlier_report_and_no_part_of_the_new_one(
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_missing_folder_is_told_before_anything_is_drawn(good: Result, tmp_path: Path) -> None:
+def test_a_missing_folder_is_reported_before_anything_is_drawn(good: Result, tmp_path: Path) -> None:
     with pytest.raises(StorageError, match=r"there is no folder .*missing; make it first"):
         Report(None, good).write(tmp_path / "missing" / "report.html")
 
 
-def test_a_folder_in_place_of_a_file_is_told_with_a_better_name(good: Result, tmp_path: Path) -> None:
+def test_a_folder_in_place_of_a_file_is_reported_with_a_better_name(good: Result, tmp_path: Path) -> None:
     with pytest.raises(StorageError, match=r"is a folder; .* such as .*report\.html"):
         Report(None, good).write(tmp_path)
 

@@ -76,7 +76,7 @@ def test_loops_without_a_limit_and_unstable_ones_are_said_to_be_so(
     assert sentence in caption(theta)
 
 
-def test_an_interval_that_isn_t_even_is_told_by_its_ends() -> None:
+def test_an_interval_that_isn_t_even_is_reported_by_its_ends() -> None:
     # The delay may be none or 10 ms: at 57 rad/s the gain margin falls with it, and is bounded without it by the hold.
     told = caption((20.0, 0.1, 0.3, 0.002), np.array([0.02, 1e-4, 0.01, 4e-3])).replace("\u00a0", " ")
 

@@ -139,7 +139,7 @@ def test_every_id_is_there_once_and_every_reference_finds_its_own(page: Page) ->
     assert set(referred) - set(ids) == set()
 
 
-def test_who_can_t_see_is_told_what_each_figure_and_table_is(page: Page) -> None:
+def test_who_can_t_see_is_reported_what_each_figure_and_table_is(page: Page) -> None:
     figures = [attributes for tag, attributes in page.all("svg") if attributes.get("aria-hidden") != "true"]
     descriptions = page.text("desc")
 
@@ -190,7 +190,7 @@ def test_a_hostile_name_is_shown_and_does_nothing(several: Result, run: Recordin
         ((refusal("a", "No."), refusal("b", "No.")), "Refused", "2 findings speak against any model."),
     ],
 )
-def test_the_verdict_is_told_by_a_word_and_a_symbol_beside_its_colour(
+def test_the_verdict_is_reported_by_a_word_and_a_symbol_beside_its_colour(
     good: Result, findings: tuple[Finding, ...], word: str, reason: str
 ) -> None:
     page = Page(Report(None, replace(good, findings=findings)).html())
@@ -252,7 +252,7 @@ def test_findings_stand_with_the_worst_first_and_alike_ones_together(good: Resul
     assert "rows 3 to 9" in words
 
 
-def test_of_eight_records_six_are_drawn_and_the_reader_is_told(several: Result) -> None:
+def test_of_eight_records_six_are_drawn_and_the_reader_is_reported(several: Result) -> None:
     page = Page(Report(None, several).html())
 
     assert page.words.count("6 of 8 records are shown.") == 2
@@ -288,7 +288,9 @@ def test_a_file_of_somebody_else_s_is_named_with_its_check_sum_and_a_command(
     assert "servobench identify 'my data.csv' --input applied:V --output counts:counts" in page.words
 
 
-def test_the_command_that_was_typed_is_told_rather_than_one_made_up(good: Result, file: Recording) -> None:
+def test_the_command_that_was_typed_is_reported_rather_than_one_made_up(
+    good: Result, file: Recording
+) -> None:
     words = Page(Report(file, good, command="servobench identify x.csv --nominal a").html()).words
 
     assert "servobench identify x.csv --nominal a" in words

@@ -48,7 +48,7 @@ def test_each_limit_stands_there_with_its_number_and_that_nothing_reached_it() -
 
 
 @pytest.mark.promise("S15")
-def test_what_was_reached_is_told() -> None:
+def test_what_was_reached_is_reported() -> None:
     strict = Limits(voltage=6.0, slew=1e4, stall=StallLimits(duration=0.5))
     rows = {heading: reached for heading, _, reached in guard_rows(recorded(8.0, strict, coulomb_torque=1.0))}
 

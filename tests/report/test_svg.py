@@ -76,7 +76,7 @@ def test_the_same_figure_gives_the_same_bytes() -> None:
     assert first == second
 
 
-def test_who_can_t_see_a_drawing_is_told_its_title_and_description() -> None:
+def test_who_can_t_see_a_drawing_is_reported_its_title_and_description() -> None:
     svg = inline_svg(DRAWN["step"](STYLES[0]), name="it", title="A < B", description='"C" & D')
 
     root = ElementTree.fromstring(svg)

@@ -347,7 +347,7 @@ def test_the_wake_ups_are_as_late_as_sleeps_are_too_long() -> None:
     assert found.largest == pytest.approx(5.1e-3, abs=3e-6)
 
 
-def test_the_wake_ups_are_told_in_one_sentence() -> None:
+def test_the_wake_ups_are_reported_in_one_sentence() -> None:
     (finding,) = WakeUps(count=200, period=1e-3, p50=2.2e-5, p99=3.2e-5, largest=6.4e-5).findings()
 
     assert finding.code == "wake-ups"

@@ -242,7 +242,7 @@ THEMES = {
 
 @pytest.fixture(scope="module")
 def reported(browser: Any, program: Program) -> Program:
-    """The panel with a recording that has a report: the one of the story, or, where that isn't told now, another one."""
+    """The panel with a recording that has a report: the one of the story, or, where that isn't reported now, another one."""
     if not (program.folder / "first" / "report.html").exists():
         with Page(browser, program.address) as page:
             page.drive()

@@ -249,7 +249,7 @@ def test_a_double_pole_to_the_right_grows_faster_than_its_exponential() -> None:
         assert said in drive.sentence
 
 
-def test_a_pole_of_which_a_zero_takes_a_part_is_told_with_what_is_left_to_be_seen() -> None:
+def test_a_pole_of_which_a_zero_takes_a_part_is_reported_with_what_is_left_to_be_seen() -> None:
     # s/s² is one integrator to the output, which nothing but an input moves.
     (said,) = stability(TransferFunction(numerator=(1.0, 0.0), denominator=(1.0, 0.0, 0.0))).reasons
     assert "Zeros cancel part of it: the output shows it once only" in said

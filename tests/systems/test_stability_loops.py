@@ -76,7 +76,7 @@ def test_rounding_makes_no_root_on_the_right() -> None:
 
 
 @pytest.mark.parametrize("polynomial", [[1.0], [0.0, 1.0], [math.nan, 1.0], [math.inf, 1.0], []])
-def test_what_has_no_table_is_told(polynomial: list[float]) -> None:
+def test_what_has_no_table_is_reported(polynomial: list[float]) -> None:
     with pytest.raises(UsageError, match="no Routh table"):
         routh(polynomial)
 
@@ -218,7 +218,7 @@ def test_a_loop_through_minus_one_is_on_the_border() -> None:
     assert (on_it.verdict, on_it.right, on_it.encirclements) == ("marginally stable", None, None)
 
 
-def test_what_nyquist_cant_be_asked_is_told() -> None:
+def test_what_nyquist_cant_be_asked_is_reported() -> None:
     with pytest.raises(UsageError, match="doesn't fall"):
         closed_loop(loop((1.0, 1.0), 1.0, 2.0, delay=0.1))
     with pytest.raises(UsageError, match="expected 0 or more"):
@@ -228,12 +228,12 @@ def test_what_nyquist_cant_be_asked_is_told() -> None:
 
 
 @pytest.mark.parametrize("gain", [1e-18, 1e-25, 1e-40, 1e-100, 1e-140])
-def test_a_tiny_gain_behind_a_delay_is_not_told_to_be_on_the_border(gain: float) -> None:
+def test_a_tiny_gain_behind_a_delay_is_not_reported_to_be_on_the_border(gain: float) -> None:
     """k e^(-ds)/(s (τs + 1)) is stable for each k from 0 to 1/d at the least: a pole at -k leaves the integrator."""
     assert closed_loop(loop((gain,), 0.1, 1.0, 0.0, delay=1e-4)).verdict == "stable"
     assert closed_loop(loop((-gain,), 0.1, 1.0, 0.0, delay=1e-4)).right == 1
 
 
-def test_a_gain_whose_square_is_no_number_any_more_is_told() -> None:
+def test_a_gain_whose_square_is_no_number_any_more_is_reported() -> None:
     with pytest.raises(UsageError, match="1e-300; expected 0, or no less than 1e-150: take a larger gain"):
         closed_loop(loop((1e-300,), 0.1, 1.0, 0.0, delay=1e-4))

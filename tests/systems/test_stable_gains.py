@@ -123,11 +123,11 @@ def test_loops_that_resonate_are_as_nyquist_counts_gain_by_gain() -> None:
         loop((1.0,), 1.0, 0.0, delay=-0.1),
     ],
 )
-def test_what_has_no_stable_gains_to_look_for_is_told(refused: TransferFunction) -> None:
+def test_what_has_no_stable_gains_to_look_for_is_reported(refused: TransferFunction) -> None:
     with pytest.raises(UsageError, match="stable gains"):
         stable_gains(refused)
 
 
-def test_a_gain_that_no_number_can_hold_squared_is_told() -> None:
+def test_a_gain_that_no_number_can_hold_squared_is_reported() -> None:
     with pytest.raises(UsageError, match="1e\\+300"):
         closed_loop(loop((1e300,), 0.1, 1.0, 0.0, delay=1e-3))

@@ -28,7 +28,7 @@ SEED = 1
     [pytest.param(copy, marks=[pytest.mark.long] if copy.severity == "severe" else []) for copy in copies()],
     ids=lambda copy: f"{copy.damage}, {copy.severity}",
 )
-def test_a_damaged_recording_is_told_by_the_right_name(copy: Copy) -> None:
+def test_a_damaged_recording_is_reported_by_the_right_name(copy: Copy) -> None:
     found = {finding.code for finding in identified(copy.made(SEED), copy.nominal).findings}
 
     assert found & set(copy.codes), f"{copy.words}: wanted {copy.codes}, found {sorted(found)}"

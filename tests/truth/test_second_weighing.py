@@ -86,6 +86,6 @@ def test_a_right_model_is_found_again_by_the_second_weighing(noise: float) -> No
 
 
 @pytest.mark.parametrize("kind", ["position", "speed"])
-def test_a_filter_remembers_for_as_long_as_it_was_told(kind: Kind) -> None:
+def test_a_filter_remembers_for_as_long_as_it_was_set_to(kind: Kind) -> None:
     noise = Disturbance.from_memory(0.01, tau=0.1, kind=kind, sample_time=0.002)
     assert noise.memory(kind, 0.002) == pytest.approx(0.01)

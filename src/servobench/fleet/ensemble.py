@@ -90,13 +90,13 @@ def _identify(
         result = identify(recording_of(parameters, number, experiment, twin, seed))
     except ServobenchError as error:
         return IdentifiedMotor(number=number, verdict="", reason=" ".join(str(error).split()), values={})
-    told = result.to_dict(derived=False)
+    document = result.to_dict(derived=False)
     values = {
         name: (each["value"], each["sd"], *each["interval"])
-        for name, each in told["parameters"].items()
+        for name, each in document["parameters"].items()
         if name in JUDGED and (each.get("state") or "known") == "known" and None not in each["interval"]
     }
-    return IdentifiedMotor(number=number, verdict=told["verdict"], reason="", values=values)
+    return IdentifiedMotor(number=number, verdict=document["verdict"], reason="", values=values)
 
 
 def truths_of(ensemble: Ensemble) -> dict[str, np.ndarray]:
@@ -112,7 +112,7 @@ def truths_of(ensemble: Ensemble) -> dict[str, np.ndarray]:
 
 def coverages(ensemble: Ensemble, found: Sequence[IdentifiedMotor]) -> tuple[Coverage, ...]:
     """Return how the intervals of each parameter do, for those that any motor has."""
-    told = []
+    coverage_rows = []
     for name, truth in truths_of(ensemble).items():
         rows = [
             (each.values[name], float(truth[each.number]))
@@ -122,7 +122,7 @@ def coverages(ensemble: Ensemble, found: Sequence[IdentifiedMotor]) -> tuple[Cov
         if not rows:
             continue
         off = np.array([(value - true) / sd for (value, sd, _, _), true in rows if sd > 0])
-        told.append(
+        coverage_rows.append(
             Coverage(
                 parameter=name,
                 known=len(rows),
@@ -131,4 +131,4 @@ def coverages(ensemble: Ensemble, found: Sequence[IdentifiedMotor]) -> tuple[Cov
                 bias=float(off.mean()) if len(off) else math.nan,
             )
         )
-    return tuple(told)
+    return tuple(coverage_rows)

@@ -74,14 +74,14 @@ def tornado(ensemble: Ensemble, outcome: str) -> Illustration | None:
     if not rows or not np.isfinite(nominal) or not any(each.effect for each in rows):
         return None
     words = parameter_in_words(outcome)
-    told = "; ".join(
+    ranges_text = "; ".join(
         f"{parameter_in_words(each.parameter)} {plain(each.low, 4)} to {plain(each.high, 4)}" for each in rows
     )
     return Illustration(
         name=f"tornado-{outcome.replace('_', '-')}",
         title=f"What moves the {words}",
         caption="Each bar is one parameter from the lower end of its tolerance (grey) to the upper end (blue).",
-        description=f"The {words} with each parameter at either end of its tolerance: {told}.",
+        description=f"The {words} with each parameter at either end of its tolerance: {ranges_text}.",
         draw=partial(_tornado, rows, nominal, *SHOWN_IN.get(outcome, (1.0, UNITS[outcome]))),
     )
 

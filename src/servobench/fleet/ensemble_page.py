@@ -73,7 +73,7 @@ def html_of(ensemble: Ensemble, found: Sequence[IdentifiedMotor], command: str) 
 
 def sentences(ensemble: Ensemble) -> list[str]:
     """Return for each tolerance in a sentence what it does: ±5 % of the resistance moves the time constant by ±5 %."""
-    told = []
+    lines = []
     for tolerance in ensemble.tolerances:
         of = {each.outcome: each for each in ensemble.sensitivities if each.parameter == tolerance.name}
         moved = [
@@ -87,12 +87,12 @@ def sentences(ensemble: Ensemble) -> list[str]:
             else f"±{with_unit(tolerance.half, tolerance.unit, 3)}"
         )
         what = f"{half} of the {parameter_in_words(tolerance.name)}"
-        told.append(
+        lines.append(
             f"{what} moves {_list_in_words(moved)}."
             if moved
             else f"{what} moves none of these by as much as 0.1 %."
         )
-    return told
+    return lines
 
 
 def effect_text(each: Sensitivity, nominal: float) -> str:
@@ -147,12 +147,12 @@ def remark(ensemble: Ensemble, name: str) -> str:
     """Return what to know about an outcome's shares: that they are rough, or how many motors have none; empty for nothing."""
     values, by_lines = ensemble.outcomes[name], ensemble.linear_share(name)
     lacking = int((~np.isfinite(values)).sum())
-    told = f"{count_text(lacking, 'motor')} {'has' if lacking == 1 else 'have'} none. " if lacking else ""
+    text = f"{count_text(lacking, 'motor')} {'has' if lacking == 1 else 'have'} none. " if lacking else ""
     if lacking and name == "settling_time":
-        told = f"{count_text(lacking, 'motor')} didn't settle within the experiment. "
+        text = f"{count_text(lacking, 'motor')} didn't settle within the experiment. "
     if math.isfinite(by_lines) and abs(by_lines - 1) > _ROUGH and len(values) > 100:
-        told += f"Straight lines make {plain(100 * by_lines, 2)} % of the variance among these motors: the shares are rough."
-    return told.strip()
+        text += f"Straight lines make {plain(100 * by_lines, 2)} % of the variance among these motors: the shares are rough."
+    return text.strip()
 
 
 def coverage_text(each: Coverage) -> str:

@@ -85,23 +85,23 @@ class Limits:
         """
         file = Path(path)
         try:
-            said = loads(file.read_text(encoding="utf-8"))
+            document = loads(file.read_text(encoding="utf-8"))
         except OSError as error:
             raise FormatError(f"{file} can't be read: {error.strerror or error}") from error
         except (ValueError, RecursionError) as error:
             raise FormatError(f"{file} isn't TOML: {error}; {_EXAMPLE}") from error
         try:
-            return cls.parse(said)
+            return cls.parse(document)
         except UsageError as error:
             raise FormatError(f"{file}: {error}") from None
 
     @classmethod
-    def parse(cls, said: Mapping[str, Any]) -> Limits:
+    def parse(cls, document: Mapping[str, Any]) -> Limits:
         """Return the limits in plain data; raises `UsageError` where they can't be understood."""
-        name = said.get("rule", "iso-14253-1")
+        name = document.get("rule", "iso-14253-1")
         if not isinstance(name, str) or name not in RULES:
             raise UnknownName("decision rule", name, RULES)
-        limits = tuple(_limit(each, value) for each, value in said.items() if each != "rule")
+        limits = tuple(_limit(each, value) for each, value in document.items() if each != "rule")
         if not limits:
             raise UsageError(f"there are no limits in it; {_EXAMPLE}")
         return cls(rule=RULES[name], limits=limits)
@@ -150,18 +150,18 @@ def _value_of(row: Row, name: str) -> Measured | None:
     return Measured(value=row[name], low=row[f"{name}_low"], high=row[f"{name}_high"])
 
 
-def _limit(name: str, said: Any) -> Limit:
+def _limit(name: str, entry: Any) -> Limit:
     known = (*PARAMETER_NAMES, *_COMBINATIONS)
     if name not in known:
         raise UnknownName("parameter", name, known)
-    if not isinstance(said, Mapping) or not said or not set(said) <= {"low", "high"}:
+    if not isinstance(entry, Mapping) or not entry or not set(entry) <= {"low", "high"}:
         raise UsageError(f"[{name}]: expected low, high or both, {_EXAMPLE}")
-    for end, value in said.items():
+    for end, value in entry.items():
         if isinstance(value, bool) or not isinstance(value, int | float | str) or value != value:
             raise UsageError(
                 f'[{name}]: {end} is {value!r}; expected a number, or a text with a unit such as "120 ms"'
             )
-    return Limit(parameter=name, low=said.get("low"), high=said.get("high"))
+    return Limit(parameter=name, low=entry.get("low"), high=entry.get("high"))
 
 
 def _percent(probability: float) -> str:

@@ -151,12 +151,12 @@ def outcome_text(fleet: Fleet) -> str:
     total = count_text(len(fleet.files), "motor")
     if fleet.limits is not None:
         found = fleet.counts("decisions")
-        told = ", ".join(f"{found.get(each, 0)} {each}" for each in ("pass", "fail", "undecided"))
-        return f"{total}: {told}, by the rule {fleet.limits.rule.name}"
+        counts_text = ", ".join(f"{found.get(each, 0)} {each}" for each in ("pass", "fail", "undecided"))
+        return f"{total}: {counts_text}, by the rule {fleet.limits.rule.name}"
     verdicts, outcomes = fleet.counts("verdicts"), fleet.counts("outcomes")
-    said = [f"{verdicts[each]} {each}" for each in ("trusted", "doubtful", "refused") if each in verdicts]
-    said += [f"{outcomes[each]} {each}" for each in ("unusable", "crashed") if each in outcomes]
-    return f"{total}: {', '.join(said)}"
+    parts = [f"{verdicts[each]} {each}" for each in ("trusted", "doubtful", "refused") if each in verdicts]
+    parts += [f"{outcomes[each]} {each}" for each in ("unusable", "crashed") if each in outcomes]
+    return f"{total}: {', '.join(parts)}"
 
 
 def parameter_text(fleet: Fleet, parameter: Parameter) -> str:
@@ -251,19 +251,19 @@ def _fails(fleet: Fleet, number: int) -> bool:
 
 
 def _why(fleet: Fleet, number: int) -> str:
-    said = [fleet.verdicts[number]]
+    parts = [fleet.verdicts[number]]
     if fleet.judgements:
         judged = fleet.judgements[number]
-        said += [str(judged.decision), judged.decided_by]
-    said += [
+        parts += [str(judged.decision), judged.decided_by]
+    parts += [
         f"{parameter_in_words(each.name, each.unit)} {with_unit(float(each.value[number]), each.unit)} where the median is "
         f"{with_unit(float(np.nanmedian(each.value)), each.unit)}"
         for each in fleet.parameters
         if each.name in _odd(fleet, number)
     ]
     if np.isfinite(fleet.distance[number]):
-        said.append(f"distance {plain(float(fleet.distance[number]), 3)}")
-    return "; ".join(filter(None, said))
+        parts.append(f"distance {plain(float(fleet.distance[number]), 3)}")
+    return "; ".join(filter(None, parts))
 
 
 def _odd(fleet: Fleet, number: int) -> set[str]:

@@ -41,17 +41,21 @@ def result_row(item: Item, columns: Mapping[str, str], result: Result) -> Row:
     A parameter x has the columns `x`, `x_sd`, `x_low`, `x_high` (its 95 % interval), `x_unit` and `x_state`, and `x_input` and
     `x_input_unit` if it holds at one level of the input; numbers that aren't finite are left out.
     """
-    told = result.to_dict(derived=False)
+    document = result.to_dict(derived=False)
     row: Row = {
         "file": item.text,
         **columns,
         "outcome": IDENTIFIED,
-        "verdict": told["verdict"],
+        "verdict": document["verdict"],
         "reason": _reason(result),
-        "structure": told["structure"],
-        "estimator": told["estimator"],
+        "structure": document["structure"],
+        "estimator": document["estimator"],
     }
-    for name, each in {**told["parameters"], **told["combinations"], **told["motor_parameters"]}.items():
+    for name, each in {
+        **document["parameters"],
+        **document["combinations"],
+        **document["motor_parameters"],
+    }.items():
         low, high = each["interval"]
         state = each.get("state") or "known"
         row |= {name: each["value"], f"{name}_sd": each["sd"], f"{name}_low": low, f"{name}_high": high}
@@ -63,14 +67,14 @@ def result_row(item: Item, columns: Mapping[str, str], result: Result) -> Row:
     return row | {
         "findings": [each.code for each in result.findings],
         "sentences": [each.sentence for each in result.findings],
-        "budget": json.dumps(told["budget"], ensure_ascii=False),
-        "good_for": told["good_for"],
-        "fit_percent": told["fit_percent"]["training"],
-        "validation_percent": told["fit_percent"]["validation"],
-        "samples": sum(each["samples"] for each in told["records"]),
-        "duration": sum(each["duration"] for each in told["records"]),
-        "sample_time": told["records"][0]["sample_time"]["median"] if told["records"] else None,
-        "sha256": " ".join(told["provenance"]["inputs_sha256"]),
+        "budget": json.dumps(document["budget"], ensure_ascii=False),
+        "good_for": document["good_for"],
+        "fit_percent": document["fit_percent"]["training"],
+        "validation_percent": document["fit_percent"]["validation"],
+        "samples": sum(each["samples"] for each in document["records"]),
+        "duration": sum(each["duration"] for each in document["records"]),
+        "sample_time": document["records"][0]["sample_time"]["median"] if document["records"] else None,
+        "sha256": " ".join(document["provenance"]["inputs_sha256"]),
         "stamp": item.stamp,
         "version": __version__,
     }

@@ -72,12 +72,12 @@ class Settings:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain data: of the mapping file its text; raises `UsageError` where that can't be read."""
-        said = {name: value for name, value in self.options.items() if value is not None}
-        if "mapping" in said:
-            said["mapping"] = _text_of(Path(said["mapping"]))
+        chosen = {name: value for name, value in self.options.items() if value is not None}
+        if "mapping" in chosen:
+            chosen["mapping"] = _text_of(Path(chosen["mapping"]))
         return {
             "reading": {
-                name: list(value) if isinstance(value, tuple) else value for name, value in said.items()
+                name: list(value) if isinstance(value, tuple) else value for name, value in chosen.items()
             },
             "structure": self.structure,
             "estimator": self.estimator,

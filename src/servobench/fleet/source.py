@@ -124,11 +124,11 @@ class Store:
         except Exception as error:  # each file system has errors of its own
             raise UsageError(f"{self.url} can't be listed: {_in_a_line(error)}") from error
         for path in sorted(found):
-            told = found[path]
+            facts = found[path]
             name = path.removeprefix(root).lstrip("/")
             if name and not any(part.startswith(".") for part in name.split("/")):
-                tags = [str(told[tag]) for tag in _TAGS if told.get(tag) is not None]
-                yield Item(name, "-".join([str(told.get("size")), *tags]))
+                tags = [str(facts[tag]) for tag in _TAGS if facts.get(tag) is not None]
+                yield Item(name, "-".join([str(facts.get("size")), *tags]))
 
     @contextmanager
     def local(self, item: Item) -> Iterator[Path]:

@@ -83,10 +83,10 @@ class Fleet:
 
     def counts(self, what: str) -> dict[str, int]:
         """Return how many motors there are of each of the `outcomes`, `verdicts` or `decisions`."""
-        told = (
+        each_outcome = (
             [str(each.decision) for each in self.judgements] if what == "decisions" else getattr(self, what)
         )
-        return dict(Counter(each for each in told if each))
+        return dict(Counter(each for each in each_outcome if each))
 
 
 def fleet_in(folder: Path, limits: Limits | None = None) -> Fleet:

@@ -34,8 +34,8 @@ def identify_item(source: Source, settings: Settings, item: Item, columns: Mappi
     except MemoryError:
         outcome, reason = CRASHED, "there isn't enough memory for it"
     except (Exception, SystemExit) as error:  # one file must not end a run of thousands
-        told = (str(error).splitlines() or ["no more is said"])[0]
-        outcome, reason = CRASHED, f"a fault of servobench: {type(error).__name__}: {told}"
+        first_line = (str(error).splitlines() or ["no more is said"])[0]
+        outcome, reason = CRASHED, f"a fault of servobench: {type(error).__name__}: {first_line}"
     if row is None:
         # A message names the file where it was read, which for a store is a folder that is gone.
         row = row_of_failure(item, columns, outcome, reason.replace(copy, item.text) if copy else reason)

@@ -45,9 +45,9 @@ class Compared:
     def plot(self, axes: Axes | Sequence[Axes] | None = None, *, dark: bool = False) -> Sequence[Axes]:
         """Draw measured and simulated output over time [s], an axes for each record; return them."""
         records = list(dict.fromkeys(each.record for each in self.simulations))
-        drawn = new_axes(axes, len(records), dark)
+        panels = new_axes(axes, len(records), dark)
         palette = ground(dark)
-        for ax, record in zip(drawn, records, strict=True):
+        for ax, record in zip(panels, records, strict=True):
             ax.plot(record.t_output, record.y, color=palette.measured, linewidth=2.6, label="measured")
             for each in self.simulations:
                 if each.record is record:
@@ -60,7 +60,7 @@ class Compared:
             title = record.name if len(records) > 1 else ""
             lay_out(ax, palette, "time (s)", f"{record.kind} ({record.output_unit})", title)
             ax.legend(frameon=False, labelcolor=palette.ink)
-        return drawn
+        return panels
 
     def __str__(self) -> str:
         """A line for each model and record, the best first."""

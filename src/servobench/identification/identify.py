@@ -179,12 +179,12 @@ def _validation_data(
 
 
 def _without_data(recordings: Sequence[Recording], error: NotIdentifiable) -> Result:
-    told = [finding for recording in recordings for finding in recording.findings]
+    findings = [finding for recording in recordings for finding in recording.findings]
     nowhere = (np.nan, np.nan)
     return Result(
         data=(),
         fit=None,
-        findings=(*told, refusal("not-identifiable", f"{error}.")),
+        findings=(*findings, refusal("not-identifiable", f"{error}.")),
         validation=None,
         operating_range=OperatingRange(input=nowhere, speed=nowhere),
         nominal=(),
@@ -224,9 +224,9 @@ def _identify(
     if any(finding.code == "kind-mistaken" for finding in findings):  # no further record would help
         findings = [finding for finding in findings if finding.code != "nothing-known"]
     if is_unexplained(findings):
-        told = {finding.code for finding in findings}
+        codes = {finding.code for finding in findings}
         causes = judged.causes.explain(judged.fit.fit_percent if judged.fit else np.nan)
-        new = [cause for cause in causes if cause.code not in told and not _in_model(cause, judged.fit)]
+        new = [cause for cause in causes if cause.code not in codes and not _in_model(cause, judged.fit)]
         findings = [*new, *findings]  # what is wrong says more than that something is
     return Result(
         data=records,
@@ -269,12 +269,12 @@ def _judge(
     allow = allow_for_disturbance if estimator == "auto" else as_it_is
     choice = choose_structure(method, records, structure, estimator, allow)
     fit = choice.fit if choice.computed else _with_allowances(choice, method, records, estimator, allow)
-    told = parameter_statuses(fit), combinations(fit)
+    statuses, combined = parameter_statuses(fit), combinations(fit)
     fit = widen_for_single_level(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
-        *_about_known([*choice.findings, *fit.findings], told[0]),
-        *about_answers(*told, fit),
+        *_about_known([*choice.findings, *fit.findings], statuses),
+        *about_answers(statuses, combined, fit),
         *about_fit(fit, nominal_motor(nominal)),
         *about_winding(fit),
         *about_current_input(fit),
@@ -290,11 +290,11 @@ def _judge(
     return _Judgement(
         causes=choice.causes,
         fit=fit,
-        answers=told[0],
-        combinations=told[1],
+        answers=statuses,
+        combinations=combined,
         findings=(*findings, *motor.findings),
         validation=validation,
-        nominal=_compare(fit, nominal, told[0]),
+        nominal=_compare(fit, nominal, statuses),
         motor=motor,
     )
 

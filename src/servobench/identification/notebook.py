@@ -29,5 +29,5 @@ def picture(fit: Fit) -> str:
 def answer(rows: Iterable[tuple[str, str]], sentences: Iterable[str], image: str) -> str:
     """Return the HTML of names with their values, of sentences, and of an image."""
     cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
-    told = "".join(f"<p>{escape(each)}</p>" for each in sentences)
-    return f"<table>{cells}</table>{told}{image}"
+    paragraphs = "".join(f"<p>{escape(each)}</p>" for each in sentences)
+    return f"<table>{cells}</table>{paragraphs}{image}"

@@ -29,9 +29,9 @@ _LAGS = 40  # samples
 
 def plot_fit(fit: Fit, axes: Axes | Sequence[Axes] | None = None, *, dark: bool = False) -> Sequence[Axes]:
     """Draw measured and simulated output of each record over time [s], an axes for each; return them, (R,)."""
-    drawn = new_axes(axes, len(fit.records), dark)
+    panels = new_axes(axes, len(fit.records), dark)
     palette = ground(dark)
-    for ax, record in zip(drawn, fit.records, strict=True):
+    for ax, record in zip(panels, fit.records, strict=True):
         data = record.data
         ax.plot(data.t_output, data.y, color=palette.measured, linewidth=2.6, label="measured")
         valid = record.valid
@@ -40,7 +40,7 @@ def plot_fit(fit: Fit, axes: Axes | Sequence[Axes] | None = None, *, dark: bool 
         )
         lay_out(ax, palette, "time (s)", f"{data.kind} ({data.output_unit})", _title(fit, record))
         ax.legend(frameon=False, labelcolor=palette.ink)
-    return drawn
+    return panels
 
 
 def plot_residuals(
@@ -50,11 +50,11 @@ def plot_residuals(
 
     The band about the autocorrelation is that of white noise, ±1.96/√N.
     """
-    drawn = new_axes(axes, 2 * len(fit.records), dark)
+    panels = new_axes(axes, 2 * len(fit.records), dark)
     palette = ground(dark)
     for k, record in enumerate(fit.records):
         data, valid = record.data, record.valid
-        above, below = drawn[2 * k], drawn[2 * k + 1]
+        above, below = panels[2 * k], panels[2 * k + 1]
         above.plot(data.t_output[valid], record.residual[valid], color=palette.measured, linewidth=0.8)
         above.axhline(0, color=palette.model, linewidth=1)
         lay_out(above, palette, "time (s)", f"residual ({data.output_unit})", _title(fit, record))
@@ -63,7 +63,7 @@ def plot_residuals(
         below.axhspan(-bound, bound, color=palette.shade, linewidth=0)
         below.vlines(lags, 0, values, colors=palette.model, linewidth=2)
         lay_out(below, palette, "lag (samples)", "autocorrelation", "")
-    return drawn
+    return panels
 
 
 def plot_bode(fit: Fit, axes: Axes | Sequence[Axes] | None = None, *, dark: bool = False) -> Sequence[Axes]:
@@ -103,15 +103,15 @@ def plot_budget(
     """Draw what the interval of each known parameter is made of: half-widths in its unit; return the axes, (P,)."""
     parts = {name: parts_of(budget, answer) for name, answer in answers.items()}
     parts = {name: found for name, found in parts.items() if found}
-    drawn = new_axes(axes, max(len(parts), 1), dark)
+    panels = new_axes(axes, max(len(parts), 1), dark)
     palette = ground(dark)
-    for ax, (name, found) in zip(drawn, parts.items(), strict=False):
+    for ax, (name, found) in zip(panels, parts.items(), strict=False):
         sources = [line.source for _, line in found]
         widths = [line.half_widths[name] for _, line in found]
         ax.barh(sources[::-1], widths[::-1], color=palette.model, height=0.6)
         title = f"{parameter_in_words(name, answers[name].estimate.unit)} {answers[name].estimate}"
         lay_out(ax, palette, f"half-width ({answers[name].estimate.unit})", "", title)
-    return drawn
+    return panels
 
 
 def _title(fit: Fit, record: FittedRecord) -> str:

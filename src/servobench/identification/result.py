@@ -379,9 +379,9 @@ class Result:
 
         rows = []
         for name, e in self.fit.estimates.items() if self.fit else ():
-            told = rounded_interval(e.value, e.interval, e.unit)
-            instead = in_words(self.answers.get(name)) or ("" if told.low else "not known")
-            rows.append((parameter_in_words(name, e.unit), instead or str(told)))
+            rounded = rounded_interval(e.value, e.interval, e.unit)
+            instead = in_words(self.answers.get(name)) or ("" if rounded.low else "not known")
+            rows.append((parameter_in_words(name, e.unit), instead or str(rounded)))
         rows += [(each.meaning, str(each.estimate)) for each in self.combinations]
         return rows + [(parameter_in_words(name), str(e)) for name, e in self.motor_parameters.items()]
 

@@ -181,13 +181,15 @@ class Watch:
             return "recording; a speed is identified at the end, a position also live"
         both = f"; to tell friction from offset it {BOTH_WAYS}" if self._live.turned_one_way else ""
         if self._judged is not None:
-            said = self._rule.progress_text(self._judged)
+            progress = self._rule.progress_text(self._judged)
             if self.known:
-                return f"enough is known: {said}{both}"
+                return f"enough is known: {progress}{both}"
             if doubt := _first_warning(self._judged):
                 # More of the same motion would change nothing of that.
                 return f"{self._judged.verdict}: {doubt}"
-            return f"needs more motion, and other motion: with what the model may be wrong by, {said}{both}"
+            return (
+                f"needs more motion, and other motion: with what the model may be wrong by, {progress}{both}"
+            )
         if self.enough:
             found = self._live.message()["parameters"]
             share = " and ".join(f"{parameter_in_words(name)} {_share(found[name])}" for name in self._wish)
@@ -254,11 +256,11 @@ class Watch:
     def _finish(self, stopped: Stopped) -> None:
         if self._writer is None or self._evidence is None:
             return
-        told = [*self._evidence.recording.findings, *self._intake.findings()]
+        findings = [*self._evidence.recording.findings, *self._intake.findings()]
         chain = self._chain()
         if chain != self._evidence.chain:
-            told.append(_about_wraps(self._travel))
-        self._writer.end(stopped, tuple(told))
+            findings.append(_about_wraps(self._travel))
+        self._writer.end(stopped, tuple(findings))
         self._chains.append(chain)
         self._watched = self.duration
         self._evidence, self._begun, self._input = None, None, None
@@ -316,8 +318,8 @@ def _without_stubs(found: list[Evidence]) -> list[Evidence]:
         f"Between restarts or pauses of the stream too little came for a model, and is left out: {listed}."
     )
     first = long[0].recording
-    told = replace(first, findings=(*first.findings, info("stream-stub", sentence)))
-    return [replace(long[0], recording=told), *long[1:]]
+    marked = replace(first, findings=(*first.findings, info("stream-stub", sentence)))
+    return [replace(long[0], recording=marked), *long[1:]]
 
 
 class _Travel:

@@ -46,5 +46,5 @@ def why(
         result = data
     else:
         result = identify(data, starts_at_rest=starts_at_rest, **options)
-    said = (claims,) if isinstance(claims, str) else claims
-    return explain(result, said, nominal=nominal, method=method)
+    texts = (claims,) if isinstance(claims, str) else claims
+    return explain(result, texts, nominal=nominal, method=method)

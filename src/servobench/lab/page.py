@@ -108,7 +108,7 @@ def exercise_page(
         opened=studies or solution,
         course=single(worked.course),
         cut_short=worked.cut_short,
-        told=worked.in_short,
+        chips=worked.in_short,
         toml=worked.stand.experiment.to_toml(),
         answers={answer.blank.id: answer for answer in answers},
         given=worked.given,

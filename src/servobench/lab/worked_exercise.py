@@ -102,7 +102,7 @@ class WorkedExercise:
         return controller is None or controller.reference_unit == "V"
 
     @cached_property
-    def never_told(self) -> tuple[str, ...]:
+    def unnoticed_mistakes(self) -> tuple[str, ...]:
         """A sentence for each known mistake within the tolerance of the right answer: students who make it wouldn't learn of
         it.
 

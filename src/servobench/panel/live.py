@@ -46,7 +46,7 @@ class LiveFit:
         self._counts: float | None = None
         self._travel = 0.0
         self._next: int | None = None
-        self._told = -math.inf
+        self._last_reported = -math.inf
         self._waiting = np.empty(0)  # numbers of rows whose residuals will be known later
         self._numbers, self._residuals = np.empty(0), np.empty(0)
 
@@ -77,9 +77,9 @@ class LiveFit:
             t_in = self._hold_times(columns, t)[driven]
             known = self._live.take(Samples(t=t[seen], y=y, t_in=t_in, u=u[driven]))
             self._keep(known, begin + np.flatnonzero(seen))
-        if not seen.any() or t[seen][-1] - self._told < _INTERVAL:
+        if not seen.any() or t[seen][-1] - self._last_reported < _INTERVAL:
             return None
-        self._told = float(t[seen][-1])
+        self._last_reported = float(t[seen][-1])
         return self.message()
 
     @property

@@ -179,10 +179,10 @@ class Recording:
         """
         known = [name for name in (self.input, self.output) if name is not None]
         chosen = names or known or [each.channel.name for each in self.series]
-        drawn = new_axes(axes, len(chosen), dark)
-        for ax, series in zip(drawn, [self[name] for name in chosen], strict=True):
+        panels = new_axes(axes, len(chosen), dark)
+        for ax, series in zip(panels, [self[name] for name in chosen], strict=True):
             t = np.arange(len(series.values)) if series.t is None else series.t
             ax.plot(t, series.values, color=ground(dark).measured, linewidth=1.3)
             label = f"{series.channel.name} ({series.channel.unit or 'unit unknown'})"
             lay_out(ax, ground(dark), "sample" if series.t is None else "time (s)", label, "")
-        return drawn
+        return panels

@@ -132,8 +132,8 @@ def _identity(found: Acceptance) -> tuple[Fact, ...]:
         encoder += [f"a counter of {counts.counter_bits} bits"] if counts.counter_bits else []
     texts = {
         "Device": info.name,
-        "Serial number or port": info.serial or "not told",
-        "Firmware": firmware or "not told",
+        "Serial number or port": info.serial or "not reported",
+        "Firmware": firmware or "not reported",
         "Settings": ", ".join(f"{name} = {value}" for name, value in settings.items()) or "the defaults",
         "Says of its encoder": ", ".join(encoder) or "nothing",
         "Voltage limit": f"{plain(found.voltage_limit)} V",

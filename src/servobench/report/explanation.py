@@ -12,7 +12,7 @@ from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import plain, with_unit
 from servobench.identification.reconciliation.explanation import Explanation
 from servobench.identification.reconciliation.reenactment import SPOKEN
-from servobench.identification.reconciliation.sentences import probability_told, share_text, size_range_text
+from servobench.identification.reconciliation.sentences import probability_text, share_text, size_range_text
 from servobench.recordings.recording import Recording
 from servobench.report import explanation_figures, summary, tables
 from servobench.report.document import write_page
@@ -90,7 +90,7 @@ def _causes(found: Explanation) -> tuple[tuple[str, ...], ...]:
         texts = (shares.get(d.name, "–") for d in found.differences)
         needed = "" if each.needed is None else size_range_text(each.needed)
         against = each.against and f"{'; ' if needed else ''}{each.against}"
-        probability = probability_told(each.probability) if each.possible else "–"
+        probability = probability_text(each.probability) if each.possible else "–"
         rows.append((each.label, each.law, f"{needed}{against}", probability, *texts))
     return tuple(rows)
 

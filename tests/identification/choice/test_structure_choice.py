@@ -121,7 +121,7 @@ def test_a_structure_that_is_asked_for_is_not_climbed_from() -> None:
     assert "structure-chosen" not in codes(result)
 
 
-def test_backlash_is_told_with_its_size_in_degrees() -> None:
+def test_backlash_is_reported_with_its_size_in_degrees() -> None:
     """A load that the motor pushes to and fro across a gap of 0.8 deg: its angle lags by half of it, either way."""
     plain = odd_record(OddMotor(), 6, samples=2500)
     load, gap = plain.y[0], np.deg2rad(0.8)
@@ -142,7 +142,7 @@ def test_a_structure_and_an_estimator_that_cannot_go_together_are_wrong_usage() 
         identify(dataset(seed=1), structure="first_order_coulomb", estimator="srivc")
 
 
-def test_an_order_too_high_is_told_with_a_lower_one() -> None:
+def test_an_order_too_high_is_reported_with_a_lower_one() -> None:
     result = identify(dataset(seed=1, kind="prbs", samples=2500), structure="rational_3_1_integrator_delay")
     (found,) = (finding for finding in result.findings if finding.code == "term-not-told-from-zero")
     assert "try rational_2_1_integrator_delay" in found.sentence

@@ -157,7 +157,7 @@ def test_a_limit_of_the_current_needs_a_resistance() -> None:
         best_design(PLAIN, DesignLimits(voltage=10.0, current=1.0))
 
 
-def test_limits_that_leave_nothing_are_told() -> None:
+def test_limits_that_leave_nothing_are_reported() -> None:
     with pytest.raises(NotIdentifiable, match="travel"):
         best_design(PLAIN, DesignLimits(voltage=10.0, travel=1e-3), duration=2.0)
     with pytest.raises(UsageError, match="speed"):
@@ -166,7 +166,7 @@ def test_limits_that_leave_nothing_are_told() -> None:
         best_design(PLAIN, DesignLimits(voltage=10.0), duration=0.01)
 
 
-def test_a_voltage_that_friction_takes_is_told() -> None:
+def test_a_voltage_that_friction_takes_is_reported() -> None:
     with pytest.raises(NotIdentifiable, match="allow at least"):
         best_design(from_data_sheet("qube_servo_2"), DesignLimits(voltage=0.01), duration=1.0)
 

@@ -37,12 +37,12 @@ def test_a_wish_is_read() -> None:
         ("", "expected, for example,"),
     ],
 )
-def test_a_wish_that_is_none_is_told(text: str, expected: str) -> None:
+def test_a_wish_that_is_none_is_reported(text: str, expected: str) -> None:
     with pytest.raises(UsageError, match=expected):
         parse_wish(text)
 
 
-def test_a_parameter_that_nothing_waits_for_is_told() -> None:
+def test_a_parameter_that_nothing_waits_for_is_reported() -> None:
     with pytest.raises(UnknownName, match="time_constant"):
         parse_wish("tau=0.5%")
 

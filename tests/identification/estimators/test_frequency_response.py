@@ -237,7 +237,7 @@ def test_a_rational_structure_is_fitted_too() -> None:
     assert fit["b0"].value == pytest.approx(230.0, rel=1e-5)
 
 
-def test_a_structure_that_misses_the_points_is_told_and_its_intervals_are_wider() -> None:
+def test_a_structure_that_misses_the_points_is_reported_and_its_intervals_are_wider() -> None:
     """Two lags of 100 and 30 ms, their speed by superposition: K (100 e₁ - 30 e₂)/70, and noise of 0.05 rad/s."""
     u = 2 + multisine(500, np.arange(1, 60, 2), np.random.default_rng(10))
     slow, fast = (Motor(tau=tau).states(u, RANDOM)[1] for tau in (0.1, 0.03))
@@ -255,7 +255,7 @@ def test_a_structure_that_misses_the_points_is_told_and_its_intervals_are_wider(
     assert abs(second["a1"].value - (1 / 0.1 + 1 / 0.03)) < 4 * second["a1"].sd
 
 
-def test_friction_with_reversals_is_told_and_its_bias_is_there() -> None:
+def test_friction_with_reversals_is_reported_and_its_bias_is_there() -> None:
     """The reference motor: Coulomb friction takes 0.16 V of ±3 V; a linear response is smaller by about a twentieth."""
     t = T * np.arange(SAMPLES)
     u = binary(SAMPLES, 20, np.random.default_rng(12))

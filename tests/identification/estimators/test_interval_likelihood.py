@@ -128,7 +128,7 @@ def test_with_a_count_of_noise_it_is_output_error() -> None:
     assert "output_error does as well" in one.findings[-1].sentence
 
 
-def test_without_noise_the_least_that_an_encoder_is_worth_is_taken_and_told() -> None:
+def test_without_noise_the_least_that_an_encoder_is_worth_is_taken_and_reported() -> None:
     data, _ = record(6, 0.0)
     fit = fitted(data)
     assert "noise-below-rounding" in {finding.code for finding in fit.findings}
@@ -150,7 +150,7 @@ def test_a_miscount_neither_breaks_the_fit_nor_goes_untold(counts: int) -> None:
     assert "at 5 s" in finding.sentence
 
 
-def test_a_random_torque_is_told_from_noise_of_the_measurement() -> None:
+def test_a_random_torque_is_reported_from_noise_of_the_measurement() -> None:
     """A torque of 1e-7 N·m/√Hz leaves residuals of 1.07 times the rounding, and spoils the intervals."""
     data = dataset(seed=1, torque_noise=1e-7)
     codes = {finding.code for finding in fitted(data).findings}

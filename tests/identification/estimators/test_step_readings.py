@@ -210,7 +210,7 @@ def test_steps_that_do_not_settle_are_left_out_beside_others_that_do() -> None:
     assert told == "Not read: the steps at 8.75 s, 8.8 s did not settle."
 
 
-def test_noise_that_hides_the_steps_is_told() -> None:
+def test_noise_that_hides_the_steps_is_reported() -> None:
     with pytest.raises(NotIdentifiable, match="can't be distinguished from the scatter"):
         fit("step_63", speed_data(noise=20.0))
 

@@ -53,7 +53,7 @@ def test_a_parameter_without_information_is_left_out_of_inverse_and_determinant(
     assert logarithm == pytest.approx(np.log(8.0), rel=4 * EPS)
 
 
-def test_a_direction_that_is_not_told_gets_a_huge_variance() -> None:
+def test_a_direction_that_is_not_reported_gets_a_huge_variance() -> None:
     """Of two equal columns only the sum is told: the other direction is taken for told to 1e-14 of it."""
     out = np.empty((2, 2))
     invert(np.array([[1.0, 1.0], [1.0, 1.0]]), out)

@@ -159,7 +159,7 @@ def test_two_causes_at_once_are_unknown() -> None:
     assert "cause-unknown" in codes(found)
 
 
-def test_what_a_motor_follows_is_told() -> None:
+def test_what_a_motor_follows_is_reported() -> None:
     """Friction rises with a temperature that was written down."""
     random = np.random.default_rng(4)
     degrees = list(random.uniform(20, 40, RUNS))
@@ -173,13 +173,13 @@ def test_what_a_motor_follows_is_told() -> None:
     }
 
 
-def test_the_same_file_twice_is_told_and_few_runs_say_little() -> None:
+def test_the_same_file_twice_is_reported_and_few_runs_say_little() -> None:
     one = dataset(seed=1)
 
     assert {"runs-identical", "few-runs"} <= codes(honest([one, one]))
 
 
-def test_too_few_runs_and_values_that_do_not_match_are_told() -> None:
+def test_too_few_runs_and_values_that_do_not_match_are_reported() -> None:
     one = dataset(seed=1)
     with pytest.raises(UsageError, match="1 run, and a comparison needs"):
         honest([one])

@@ -199,7 +199,7 @@ def test_a_position_that_follows_its_input_is_taken_for_a_loops() -> None:
     assert "position_loop" in finding.sentence
 
 
-def test_a_load_that_holds_the_shaft_off_its_goal_is_told() -> None:
+def test_a_load_that_holds_the_shaft_off_its_goal_is_reported() -> None:
     data = servo()
     finding = goal_finding(replace(data, y=0.4 * data.y))
 

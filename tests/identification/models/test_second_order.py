@@ -142,7 +142,7 @@ def test_a_fine_encoder_tells_the_winding_of_the_qube() -> None:
     assert lag.sd < lag.value / 8
 
 
-def test_a_winding_that_cannot_be_told_from_a_delay_is_refused() -> None:
+def test_a_winding_that_cannot_be_reported_from_a_delay_is_refused() -> None:
     data = dataset(seed=3, kind="prbs", sample_time=0.002, samples=2500)
     result = identify(data, structure="second_order_coulomb")
 

@@ -31,7 +31,7 @@ FRICTIONLESS = Truth(viscous_friction=0.0)
     ],
     ids=["resistance", "inertia", "friction", "torque constant"],
 )
-def test_what_a_motor_has_and_its_sheet_hasn_t_is_named_first_or_with_what_can_t_be_told_from_it(
+def test_what_a_motor_has_and_its_sheet_hasn_t_is_named_first_or_with_what_can_t_be_reported_from_it(
     truth: Truth, cause: str, alike: set[str]
 ) -> None:
     found = why(identified(truth), nominal=SHEET)

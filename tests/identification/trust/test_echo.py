@@ -31,7 +31,9 @@ def test_a_proportional_controllers_voltage_is_no_echo_of_the_position(stepped: 
     assert codes(stepped) == set()
 
 
-def test_a_closed_loop_with_a_column_from_the_shaft_in_the_voltages_place_is_told(stepped: Dataset) -> None:
+def test_a_closed_loop_with_a_column_from_the_shaft_in_the_voltages_place_is_reported(
+    stepped: Dataset,
+) -> None:
     """It isn't zero where the position is at its reference."""
     assert codes(replace(stepped, u=7.5 * stepped.y + 1)) == {"input-is-output"}
 

@@ -26,7 +26,7 @@ def test_a_sound_record_behind_its_chain_is_explained_by_nothing(chain: str) -> 
     assert [finding.code for finding in explain([record])] == []
 
 
-def test_another_motors_input_is_told_behind_a_chain_too() -> None:
+def test_another_motors_input_is_reported_behind_a_chain_too() -> None:
     record = dataset(seed=3, kind="prbs", hold=20, chain="tachometer 20 ms")
     other = dataset(seed=4, kind="prbs", hold=20, chain="tachometer 20 ms")
 
@@ -54,7 +54,7 @@ def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing
 
 @pytest.mark.parametrize("frequency", [3.0, 12.0, 30.0])
 @pytest.mark.parametrize("which", [0, 2], ids=["at the motor", "at the load"])
-def test_two_masses_that_swing_are_told_as_a_resonance(frequency: float, which: int) -> None:
+def test_two_masses_that_swing_are_reported_as_a_resonance(frequency: float, which: int) -> None:
     """Two halves of the motor's inertia with a spring between: the poles' frequency is known, to 5 % with the damping's."""
     record = two_masses(frequency, which)
 

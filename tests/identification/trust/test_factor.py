@@ -16,7 +16,7 @@ from tests.identification.test_written import recorded, same
 from tests.rig.motor.reference import Truth, march
 
 
-def test_a_gain_in_revolutions_per_minute_is_told_where_it_is_known() -> None:
+def test_a_gain_in_revolutions_per_minute_is_reported_where_it_is_known() -> None:
     data = measure(recorded(same(0.0)))
     minutes = replace(data, y=data.y * 60 / (2 * np.pi))
     fit = identify(minutes, structure="first_order", estimator="output_error").fit

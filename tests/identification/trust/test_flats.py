@@ -82,13 +82,13 @@ def test_a_pulse_that_a_coarse_sensor_may_miss_is_not_called_lost() -> None:
 
 @pytest.mark.parametrize("both_ways", [False, True])
 @pytest.mark.parametrize("width", [0.05, 0.1, 0.5])
-def test_a_shaft_that_is_held_under_a_pulse_is_told(width: float, both_ways: bool) -> None:
+def test_a_shaft_that_is_held_under_a_pulse_is_reported(width: float, both_ways: bool) -> None:
     sound = recorded(pulses(width, 1.0, both_ways=both_ways))
     assert told(blocked(sound, 5.05, 6.05)) == {"output-stops"}
     assert told(blocked(sound, 7.05, 10.0)) == {"output-stops"}
 
 
-def test_a_shaft_that_is_held_under_a_constant_input_is_told() -> None:
+def test_a_shaft_that_is_held_under_a_constant_input_is_reported() -> None:
     u = np.where(np.arange(SAMPLES) < 200, 0.0, 2.0)
     assert told(recorded(u)) == set()
     assert told(blocked(recorded(u), 6.0, 8.0)) == {"output-stops"}
@@ -177,7 +177,7 @@ def test_a_shaft_that_turns_round_within_a_count_is_not_called_blocked() -> None
 
 @pytest.mark.parametrize("both_ways", [False, True])
 @pytest.mark.parametrize("width", [0.1, 0.5])
-def test_a_speed_that_stays_zero_under_a_pulse_is_told_and_one_that_rests_between_them_is_not(
+def test_a_speed_that_stays_zero_under_a_pulse_is_reported_and_one_that_rests_between_them_is_not(
     width: float, both_ways: bool
 ) -> None:
     from dataclasses import replace

@@ -136,7 +136,7 @@ def test_a_record_too_short_to_validate_on_is_named() -> None:
         identify([run], validate_on=[other.part(0.0, 0.01)])
 
 
-def test_copies_of_a_record_are_told_from_repetitions() -> None:
+def test_copies_of_a_record_are_reported_from_repetitions() -> None:
     run = driven(staircase())
     again = driven(staircase()[::-1], name="again")
 

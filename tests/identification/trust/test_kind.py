@@ -22,7 +22,7 @@ def as_speed(data: Dataset) -> Dataset:
 
 
 @pytest.mark.parametrize("kind", ["square", "prbs"])
-def test_a_position_that_is_said_to_be_a_speed_is_told_with_the_unit_to_give(
+def test_a_position_that_is_said_to_be_a_speed_is_reported_with_the_unit_to_give(
     kind: Literal["square", "prbs"],
 ) -> None:
     result = identify(as_speed(dataset(seed=1, samples=2000, kind=kind)))
@@ -34,7 +34,7 @@ def test_a_position_that_is_said_to_be_a_speed_is_told_with_the_unit_to_give(
     assert not {"nothing-known", "input-unrelated"} & {each.code for each in result.findings}
 
 
-def test_a_speed_that_is_said_to_be_a_position_is_told() -> None:
+def test_a_speed_that_is_said_to_be_a_position_is_reported() -> None:
     position = dataset(seed=1, samples=2000)
     speed = np.gradient(position.y, position.t_output)
     result = identify(replace(position, y=np.convolve(speed, np.full(9, 1 / 9), "same"), quantum=None))

@@ -26,7 +26,7 @@ def told(kp: float, kd: float = 0.0, cutoff: float = 250.0) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(("kp", "kd"), [(0.2, 0.0), (1.0, 0.0), (5.0, 0.0), (20.0, 0.5)])
-def test_a_loop_that_follows_is_not_told(kp: float, kd: float) -> None:
+def test_a_loop_that_follows_is_not_reported(kp: float, kd: float) -> None:
     assert told(kp, kd) == {}
 
 

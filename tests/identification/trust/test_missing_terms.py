@@ -92,7 +92,7 @@ def test_a_ripple_shows_in_a_motor_that_turns_one_way_only() -> None:
     assert "ripple" in doubts(identify(odd(1, "square", ripple=0.02, cycles=3.0)))
 
 
-def test_the_ripple_that_is_there_is_the_one_that_is_told() -> None:
+def test_the_ripple_that_is_there_is_the_one_that_is_reported() -> None:
     (finding,) = (f for f in identify(odd(1, ripple=0.02, cycles=6.0)).findings if f.code == "ripple")
     assert "6 times a revolution" in finding.sentence
 
@@ -117,7 +117,7 @@ def test_a_second_pole_of_a_tenth_of_the_time_constant_is_within_the_intervals()
     assert low < answers(Truth(inductance=84e-3))["time_constant"] < high
 
 
-def test_a_size_beyond_the_input_is_not_told() -> None:
+def test_a_size_beyond_the_input_is_not_reported() -> None:
     """A ripple of 250 V in a motor that got 3 V: something else moves it, and the number would be believed."""
     fit = identify(odd(1, ripple=0.02, cycles=6.0)).fit
     assert fit is not None
@@ -140,7 +140,7 @@ def test_a_size_beyond_the_input_is_not_told() -> None:
 
 @pytest.mark.parametrize("kind", ["square", "prbs"])
 @pytest.mark.parametrize("drag", [1e-4, 2e-4])
-def test_drag_too_large_for_a_score_test_is_told_with_its_size(
+def test_drag_too_large_for_a_score_test_is_reported_with_its_size(
     kind: Literal["square", "prbs"], drag: float
 ) -> None:
     """A tenth of the input and more: the fit bends to it, and its residuals are too coloured to ask for a term.
@@ -159,7 +159,7 @@ def test_drag_too_large_for_a_score_test_is_told_with_its_size(
 
 
 @pytest.mark.parametrize("percent", [0.9, 1.1])
-def test_a_difference_of_the_directions_is_told_and_no_doubt(percent: float) -> None:
+def test_a_difference_of_the_directions_is_reported_and_no_doubt(percent: float) -> None:
     """The gain is K ± 1 %, and K (1 ± a/u) in the two directions, with a of u = 3 V known to a hundredth of it."""
     fit = identify(odd(1)).fit
     assert fit is not None

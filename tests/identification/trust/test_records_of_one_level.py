@@ -23,7 +23,7 @@ def test_other_friction_in_a_step_is_not_taken_for_another_motor(level: float, f
     assert "records-disagree" not in [each.code for each in explain([ramp(), step])]
 
 
-def test_a_step_with_half_of_its_voltage_is_still_told() -> None:
+def test_a_step_with_half_of_its_voltage_is_still_reported() -> None:
     half = dataset(seed=2, samples=len(T), u=np.full(len(T), 3.0))
     labelled = dataset(seed=2, samples=len(T), u=np.full(len(T), 6.0), y=half.y)
     square = dataset(seed=1, samples=len(T))

@@ -137,7 +137,7 @@ def test_stamps_of_input_and_output_share_one_zero(file: Path) -> None:
     assert recording["encoder.y"].t == pytest.approx([0.001, 0.011, 0.021, 0.031], abs=1e-15)
 
 
-def test_empty_cells_are_nan_and_told(file: Path) -> None:
+def test_empty_cells_are_nan_and_reported(file: Path) -> None:
     recording = loaded(file, pa.table({"u": [1.0, None, 3.0], "n": pa.array([None, 2, 3], pa.int32())}))
 
     assert np.isnan(recording["u"].values).tolist() == [False, True, False]
@@ -145,7 +145,7 @@ def test_empty_cells_are_nan_and_told(file: Path) -> None:
     assert [each.rows for each in recording.findings if each.code == "cell-empty"] == [(2, 2), (1, 1)]
 
 
-def test_columns_that_are_no_numbers_are_told_and_left_out(file: Path) -> None:
+def test_columns_that_are_no_numbers_are_reported_and_left_out(file: Path) -> None:
     table = pa.table(
         {
             "note": ["a", "b"],
@@ -167,7 +167,7 @@ def test_columns_that_are_no_numbers_are_told_and_left_out(file: Path) -> None:
     )
 
 
-def test_whole_numbers_that_a_float_cannot_hold_are_told(file: Path) -> None:
+def test_whole_numbers_that_a_float_cannot_hold_are_reported(file: Path) -> None:
     recording = loaded(file, pa.table({"n": [0, 2**60 + 1], "m": [1, 2]}))
 
     assert [each.sentence[:3] for each in recording.findings if each.code == "integer-rounded"] == ["`n`"]
@@ -221,7 +221,7 @@ def test_a_table_that_claims_a_billion_rows_is_refused(tmp_path: Path) -> None:
         load(path)
 
 
-def test_feather_of_version_1_is_told(tmp_path: Path) -> None:
+def test_feather_of_version_1_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.feather"
     path.write_bytes(b"FEA1" + bytes(40))
 
@@ -230,7 +230,7 @@ def test_feather_of_version_1_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("suffix", "head"), [(".parquet", b"PAR1"), (".arrow", b"ARROW1\0\0")])
-def test_a_missing_library_is_told_with_what_to_install(
+def test_a_missing_library_is_reported_with_what_to_install(
     suffix: str, head: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / f"a{suffix}"

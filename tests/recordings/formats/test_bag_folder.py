@@ -83,14 +83,14 @@ def test_a_folder_of_mcap_files_is_read_too(tmp_path: Path) -> None:
         (["../../etc/passwd"], "lacks its file passwd"),
     ],
 )
-def test_a_folder_without_its_files_is_told(names: list[str], why: str, tmp_path: Path) -> None:
+def test_a_folder_without_its_files_is_reported(names: list[str], why: str, tmp_path: Path) -> None:
     metadata(tmp_path, names)
 
     with pytest.raises(FormatError, match=why):
         load(tmp_path)
 
 
-def test_a_folder_that_is_no_bag_and_a_database_that_is_none_are_told(tmp_path: Path) -> None:
+def test_a_folder_that_is_no_bag_and_a_database_that_is_none_are_reported(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"no bag of ROS 2 .it lacks metadata\.yaml"):
         load(tmp_path)
     for name in ("run1.csv", "run2.csv"):

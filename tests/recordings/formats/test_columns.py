@@ -164,7 +164,7 @@ def test_a_column_that_does_not_increase_is_no_time_whatever_its_name() -> None:
     assert codes(recording.findings) == ["time-not-recognised"]
 
 
-def test_the_convention_for_seconds_is_told_with_the_way_to_say_otherwise() -> None:
+def test_the_convention_for_seconds_is_reported_with_the_way_to_say_otherwise() -> None:
     (told,) = table("t", "y").findings
 
     assert "`time=t:ms`" in told.sentence

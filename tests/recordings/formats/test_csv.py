@@ -146,7 +146,7 @@ t,u,y
 """
 
 
-def test_each_thing_that_is_wrong_is_told_with_the_rows_of_the_file(tmp_path: Path) -> None:
+def test_each_thing_that_is_wrong_is_reported_with_the_rows_of_the_file(tmp_path: Path) -> None:
     recording = loaded(tmp_path, DAMAGED)
 
     assert columns(recording)["t"] == [0.0, 0.3, 0.4, 0.5, 0.6]
@@ -179,7 +179,7 @@ def test_many_wrong_rows_make_one_finding(tmp_path: Path) -> None:
     assert np.isfinite(recording["y"].values).sum() == 4000
 
 
-def test_times_that_do_not_increase_are_told_with_the_rows_of_the_file(tmp_path: Path) -> None:
+def test_times_that_do_not_increase_are_reported_with_the_rows_of_the_file(tmp_path: Path) -> None:
     t = [0.0, 0.1, 0.1, 0.3, 0.2, 0.4, 0.5, 0.6, 0.7, 5.0]
     recording = loaded(tmp_path, "t,u\n" + "".join(f"{each},1\n" for each in t))
 

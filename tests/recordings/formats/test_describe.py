@@ -33,7 +33,7 @@ def test_a_channel_is_described_by_its_range_its_steps_and_its_repeats(tmp_path:
     assert described.time_bases[0].median_step == pytest.approx(0.002)
 
 
-def test_what_is_recognised_and_what_would_be_asked_are_told(tmp_path: Path) -> None:
+def test_what_is_recognised_and_what_would_be_asked_are_reported(tmp_path: Path) -> None:
     described = describe(loaded(tmp_path, TABLE))
 
     assert described.mapping == Mapping(time="time:ms", input="u:V", output="theta:deg")
@@ -55,7 +55,7 @@ def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:
     assert described.time_bases == ()
 
 
-def test_what_stands_in_the_way_is_told(tmp_path: Path) -> None:
+def test_what_stands_in_the_way_is_reported(tmp_path: Path) -> None:
     rows = "".join(f"{k % 30},1,{k}\n" for k in range(60))
 
     (sentence,) = describe(loaded(tmp_path, "t,u,y [rad]\n" + rows)).missing

@@ -72,7 +72,7 @@ def test_an_input_is_what_the_files_name_has(name: str, pattern: str, value: flo
         ({"input": "1:V", "input_value": "5:V"}, "give one of them"),
     ],
 )
-def test_a_value_that_can_t_be_is_told(said: dict[str, str], why: str, tmp_path: Path) -> None:
+def test_a_value_that_can_t_be_is_reported(said: dict[str, str], why: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=why):
         assign(log(tmp_path, "motor_50 10.txt"), **{"time": "1:s", "output": "2:deg", **said})
 

@@ -142,14 +142,14 @@ def test_special_blocks_are_skipped(tmp_path: Path) -> None:
     assert columns(recording) == {"u": [1.5, -1.5, 0.0], "y": [10.0, 20.0, 30.0]}
 
 
-def test_cells_that_are_no_numbers_are_nan_and_told_with_their_rows(tmp_path: Path) -> None:
+def test_cells_that_are_no_numbers_are_nan_and_reported_with_their_rows(tmp_path: Path) -> None:
     recording = loaded(tmp_path, head() + segment("\t1.5\t10\n\tx\t20\n\t0\t30\n"), "a.lvm")
 
     assert np.isnan(recording["u"].values).tolist() == [False, True, False]
     assert finding(recording.findings, "cell-not-a-number").rows == (25, 25)
 
 
-def test_fewer_samples_than_the_header_says_are_told(tmp_path: Path) -> None:
+def test_fewer_samples_than_the_header_says_are_reported(tmp_path: Path) -> None:
     recording = loaded(tmp_path, head() + segment(ROWS, n=5), "a.lvm")
 
     assert [each.code for each in recording.findings] == 2 * ["samples-missing"]
@@ -178,7 +178,7 @@ def test_it_is_known_by_its_content(tmp_path: Path) -> None:
         (head() + segment(""), "no channels with numbers"),
     ],
 )
-def test_what_cannot_be_read_is_told(text: str, message: str, tmp_path: Path) -> None:
+def test_what_cannot_be_read_is_reported(text: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=f"a.lvm.*{message}"):
         loaded(tmp_path, text, "a.lvm")
 

@@ -227,7 +227,7 @@ def test_a_sign_is_a_column_of_two_states() -> None:
         assign(made("u", "y", "b", y="rad"), input="u*b:V")
 
 
-def test_a_goal_is_told_from_what_drives_the_motor() -> None:
+def test_a_goal_is_reported_from_what_drives_the_motor() -> None:
     asked = missing(made("target_speed", "actual_speed", actual_speed="rpm"))
 
     assert "`target_speed` is called after what a loop has to follow" in asked[0]
@@ -635,7 +635,7 @@ def test_rows_that_a_logger_repeats_as_they_were_are_left_out_as_before(tmp_path
     assert len(recording["y"].values) == 100
 
 
-def test_another_file_that_is_not_there_is_told_by_the_name_that_was_given(tmp_path: Path) -> None:
+def test_another_file_that_is_not_there_is_reported_by_the_name_that_was_given(tmp_path: Path) -> None:
     recording = made("u", "y")
     recording = replace(recording, source=replace(recording.source, name=str(tmp_path / "made.csv")))
 
@@ -663,7 +663,7 @@ def test_counts_in_a_turn_stand_in_a_mapping_and_make_rad(tmp_path: Path) -> Non
     assert data.y[-1] == pytest.approx(250.5 * 2 * np.pi / 500)
 
 
-def test_counts_in_a_turn_that_are_no_number_are_told(tmp_path: Path) -> None:
+def test_counts_in_a_turn_that_are_no_number_are_reported(tmp_path: Path) -> None:
     file = tmp_path / "map.toml"
     file.write_text('counts_per_rev = "many"\n', encoding="utf-8")
     with pytest.raises(UsageError, match="counts_per_rev is 'many'"):

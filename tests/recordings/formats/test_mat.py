@@ -77,7 +77,7 @@ def test_numbers_of_every_type_keep_their_value(dtype: str, tmp_path: Path) -> N
     assert columns(mat(tmp_path, {"x": values})) == {"x": values.astype(float).tolist()}
 
 
-def test_whole_numbers_that_a_float_cannot_hold_are_told(tmp_path: Path) -> None:
+def test_whole_numbers_that_a_float_cannot_hold_are_reported(tmp_path: Path) -> None:
     recording = mat(tmp_path, {"x": np.array([0, 2**60 + 1], dtype=np.int64)})
 
     assert codes(recording.findings) == ["integer-rounded"]
@@ -129,7 +129,7 @@ def test_simulinks_structure_with_time_has_its_times(tmp_path: Path) -> None:
     assert "out.signals_1.label (text)" in skipped
 
 
-def test_what_is_no_vector_of_numbers_is_told_and_costs_nothing_else(tmp_path: Path) -> None:
+def test_what_is_no_vector_of_numbers_is_reported_and_costs_nothing_else(tmp_path: Path) -> None:
     cells = np.empty(2, dtype=object)
     cells[:] = ["a", U]
     variables = {
@@ -147,7 +147,7 @@ def test_what_is_no_vector_of_numbers_is_told_and_costs_nothing_else(tmp_path: P
     ]  # fmt: skip
 
 
-def test_objects_of_matlab_are_told(tmp_path: Path) -> None:
+def test_objects_of_matlab_are_reported(tmp_path: Path) -> None:
     # MATLAB's opaque class 17, as it writes a timeseries or a table; made by hand from the layout of such a variable.
     def element(kind: int, data: bytes) -> bytes:
         return np.array([kind, len(data)], "<u4").tobytes() + data + bytes(-len(data) % 8)

@@ -96,7 +96,7 @@ def test_signals_that_simulink_streamed_to_the_file_are_channels(tmp_path: Path)
     assert np.allclose(recording["data.speed"].t, T, rtol=0, atol=1e-15)
 
 
-def test_a_streamed_signal_of_another_kind_is_told_and_the_others_are_read(tmp_path: Path) -> None:
+def test_a_streamed_signal_of_another_kind_is_reported_and_the_others_are_read(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     save_streams(path, [logged(0, name="u"), logged(1, name="pose", width=3)], [U, np.tile(Y, 3)])
 
@@ -159,7 +159,7 @@ def test_two_timeseries_become_input_and_output_of_an_identification(tmp_path: P
     assert (assigned.input, assigned.output) == ("voltage", "theta")
 
 
-def test_objects_that_hold_no_signal_are_told(tmp_path: Path) -> None:
+def test_objects_that_hold_no_signal_are_reported(tmp_path: Path) -> None:
     recording = mat(tmp_path, {"x": Y, "rig": opaque("Rig", Serial=text("7"))})
 
     assert "`rig (an object)`" in finding(recording.findings, "variable-skipped").sentence

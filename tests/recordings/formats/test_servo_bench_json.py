@@ -49,14 +49,14 @@ def test_a_load_written_as_an_unsigned_number_gets_its_sign_back(tmp_path: Path)
     assert finding(recording.findings, "load-unwrapped").rows == (3, 6)
 
 
-def test_a_load_that_is_never_told_is_a_warning(tmp_path: Path) -> None:
+def test_a_load_that_is_never_reported_is_a_warning(tmp_path: Path) -> None:
     recording = loaded(tmp_path, bench(load=[0] * 6))
 
     assert "load-zero" in codes(recording.findings)
     assert "load-raw" not in codes(recording.findings)
 
 
-def test_torque_off_in_the_middle_is_told_with_its_rows(tmp_path: Path) -> None:
+def test_torque_off_in_the_middle_is_reported_with_its_rows(tmp_path: Path) -> None:
     recording = loaded(tmp_path, bench(torque=[True, True, False, False, True, True]))
 
     assert finding(recording.findings, "torque-off").rows == (3, 4)

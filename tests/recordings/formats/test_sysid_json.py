@@ -147,7 +147,9 @@ def test_a_first_row_that_belongs_to_its_test_stays(voltages: list[float], tmp_p
     assert columns(recording)["voltage"] == voltages
 
 
-def test_velocities_that_nobody_has_set_and_positions_that_are_old_stay_and_are_told(tmp_path: Path) -> None:
+def test_velocities_that_nobody_has_set_and_positions_that_are_old_stay_and_are_reported(
+    tmp_path: Path,
+) -> None:
     rows = [
         [0.005 * k, 7.0, 0.02 * (k // 8) ** 1.5, 3.9e-312 if k < 30 else 1.0 + (k // 8) ** 0.5]
         for k in range(400)
@@ -160,7 +162,7 @@ def test_velocities_that_nobody_has_set_and_positions_that_are_old_stay_and_are_
     assert "about every 8 rows (40 ms)" in finding(recording.findings, "position-stale").sentence
 
 
-def test_uneven_and_doubled_times_are_told(tmp_path: Path) -> None:
+def test_uneven_and_doubled_times_are_reported(tmp_path: Path) -> None:
     times = [0.005, 0.010, 0.010, 0.021, 0.024, 0.022, 0.030, 0.060, 0.065]
 
     recording = one(tmp_path, [[t, 1.0, 2 * t, 2.0] for t in times])
@@ -171,7 +173,7 @@ def test_uneven_and_doubled_times_are_told(tmp_path: Path) -> None:
     assert columns(recording)["time"] == times
 
 
-def test_rows_that_are_not_as_many_numbers_are_left_out_and_told(tmp_path: Path) -> None:
+def test_rows_that_are_not_as_many_numbers_are_left_out_and_reported(tmp_path: Path) -> None:
     bad: list[Any] = [
         [0.3, 1.0],
         [0.31, "1", 2, 3],

@@ -132,7 +132,7 @@ def test_a_scaling_is_applied(tmp_path: Path) -> None:
     assert columns(recording) == {"u": [0.5, 1.5, -1.5]}
 
 
-def test_channels_that_are_no_numbers_are_told_and_left_out(tmp_path: Path) -> None:
+def test_channels_that_are_no_numbers_are_reported_and_left_out(tmp_path: Path) -> None:
     (recording,) = tdms(
         tmp_path,
         [
@@ -154,7 +154,7 @@ def test_a_file_without_numbers_says_what_it_has(tmp_path: Path) -> None:
         tdms(tmp_path, [channel("remark", ["on", "off"], "log")])
 
 
-def test_whole_numbers_that_a_float_cannot_hold_are_told(tmp_path: Path) -> None:
+def test_whole_numbers_that_a_float_cannot_hold_are_reported(tmp_path: Path) -> None:
     (recording,) = tdms(tmp_path, [channel("n", np.array([0, 2**60 + 1])), channel("m", np.array([1, 2]))])
 
     assert "`n`" in finding(recording.findings, "integer-rounded").sentence
@@ -200,7 +200,7 @@ def test_several_recordings_are_groups_of_one_segment(tmp_path: Path) -> None:
         assert file["b"]["applied"].properties["unit_string"] == "V"
 
 
-def test_a_missing_library_is_told_with_what_to_install(
+def test_a_missing_library_is_reported_with_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.tdms"

@@ -40,7 +40,7 @@ def test_two_blank_lines_separate_data_sets_without_times_too(tmp_path: Path) ->
     assert [columns(each)["column_2"] for each in found] == [U, U, U]
 
 
-def test_one_blank_line_in_a_run_that_goes_on_is_only_told(tmp_path: Path) -> None:
+def test_one_blank_line_in_a_run_that_goes_on_is_only_reported(tmp_path: Path) -> None:
     (recording,) = several(tmp_path, "t u y\n" + ROWS + "\n0.3 4 8\n")
 
     assert columns(recording)["t"] == [*TIMES, 0.3]

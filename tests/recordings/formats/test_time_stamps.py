@@ -62,7 +62,7 @@ def test_what_is_no_time_stamp_is_none(cell: str) -> None:
     assert np.isnan(seconds_from_first([cell])).all()
 
 
-def test_a_cell_between_time_stamps_that_is_none_is_told(tmp_path: Path) -> None:
+def test_a_cell_between_time_stamps_that_is_none_is_reported(tmp_path: Path) -> None:
     recording = loaded(tmp_path, "t;u\n10:00:00;1\nlate;2\n10:00:02;3\n10:00:03;3\n10:00:04;3\n")
 
     found = finding(recording.findings, "cell-not-a-number")

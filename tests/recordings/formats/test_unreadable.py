@@ -47,7 +47,7 @@ def test_a_few_texts_and_cells_that_say_that_there_is_nothing_are_no_damage(
     assert "column-not-numbers" not in codes(loaded(tmp_path, table(texts, text)).findings)
 
 
-def test_texts_in_a_column_that_nobody_uses_are_only_told(tmp_path: Path) -> None:
+def test_texts_in_a_column_that_nobody_uses_are_only_reported(tmp_path: Path) -> None:
     found = assign(loaded(tmp_path, table(150, "idle", column="z"))).findings
 
     assert finding(found, "column-not-numbers").severity is Severity.INFO

@@ -196,7 +196,7 @@ def test_a_crash_of_the_library_is_an_error_and_the_next_file_is_read(
     assert load(path)
 
 
-def test_an_error_that_nobody_expects_is_told_with_its_last_line(
+def test_an_error_that_nobody_expects_is_reported_with_its_last_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = make("tdms", tmp_path)
@@ -237,7 +237,9 @@ def test_where_a_platform_has_no_limits_the_parent_watches(
         reader.read("mat", path)
 
 
-def test_what_isnt_installed_is_told_by_the_child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_isnt_installed_is_reported_by_the_child(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = make("tdms", tmp_path)
     (tmp_path / "nptdms.py").write_text("raise ImportError\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)

@@ -78,7 +78,7 @@ def test_a_current_at_some_of_the_times_is_unknown_at_the_others() -> None:
     assert np.isnan(np.delete(data.current, np.arange(0, 500, 5))).all()
 
 
-def test_a_current_at_other_times_is_told_and_not_interpolated() -> None:
+def test_a_current_at_other_times_is_reported_and_not_interpolated() -> None:
     data = measure(recording(series("current", "A", I, T + 0.001)))
 
     assert data.current is None

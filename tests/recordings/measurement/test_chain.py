@@ -34,7 +34,7 @@ def test_a_bar_with_nothing_beside_it_is_refused(text: str) -> None:
         Chain.parse(text)
 
 
-def test_a_misspelt_stage_is_told_with_the_nearest_one() -> None:
+def test_a_misspelt_stage_is_reported_with_the_nearest_one() -> None:
     with pytest.raises(UnknownName, match="did you mean 'lowpass'"):
         Chain.parse("derivative | lowpas 50 rad/s")
 

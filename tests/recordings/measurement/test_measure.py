@@ -170,7 +170,7 @@ def test_a_speed_in_counts_becomes_one_in_radians() -> None:
     assert data.quantum is None
 
 
-def test_a_counter_that_moves_half_its_range_in_one_sample_is_told_with_the_row() -> None:
+def test_a_counter_that_moves_half_its_range_in_one_sample_is_reported_with_the_row() -> None:
     shown = np.array([0.0, 100.0, 200.0, -32568.0, -32468.0, -32368.0])
 
     data = measure(recording(shown, "counts", t=T[:6], counter_bits=16))
@@ -180,7 +180,7 @@ def test_a_counter_that_moves_half_its_range_in_one_sample_is_told_with_the_row(
     assert "row 4" in data.findings[0].sentence
 
 
-def test_a_counter_too_fast_for_its_width_is_told() -> None:
+def test_a_counter_too_fast_for_its_width_is_reported() -> None:
     travel = np.cumsum(
         np.linspace(0.0, 50000.0, 200)
     ).round()  # up to three quarters of the modulus in a sample
@@ -190,7 +190,7 @@ def test_a_counter_too_fast_for_its_width_is_told() -> None:
     assert codes(data) == {"unwrap-ambiguous": Severity.WARNING}
 
 
-def test_a_counter_of_more_than_its_width_is_told() -> None:
+def test_a_counter_of_more_than_its_width_is_reported() -> None:
     shown = np.concatenate([np.arange(0.0, 100000.0, 1000.0), np.arange(0.0, 100000.0, 1000.0)])
 
     data = measure(recording(shown, "counts", t=T[:200], counter_bits=16))
@@ -201,7 +201,7 @@ def test_a_counter_of_more_than_its_width_is_told() -> None:
 @pytest.mark.parametrize(("unit", "turn"), [("deg", 360.0), ("rad", 2 * np.pi), ("rev", 1.0)])
 @pytest.mark.parametrize("low", [0.0, -0.5])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_angle_that_wraps_is_told_and_not_repaired(
+def test_an_angle_that_wraps_is_reported_and_not_repaired(
     unit: str, turn: float, low: float, sign: float
 ) -> None:
     wrapped = turn * ((sign * TRAVEL / (2 * np.pi) - low) % 1.0 + low)
@@ -226,7 +226,7 @@ def test_an_angle_that_wraps_is_told_and_not_repaired(
     ("modulus", "advice"),
     [(2048.0, "unwrap 2048 counts"), (4096.0, "unwrap 4096 counts"), (65536.0, "unwrap 65536 counts")],
 )
-def test_counts_that_wrap_unasked_are_told(modulus: float, advice: str) -> None:
+def test_counts_that_wrap_unasked_are_reported(modulus: float, advice: str) -> None:
     shown = (counts_of(TRAVEL) + 0.9 * modulus).round() % modulus
 
     data = measure(recording(shown, "counts", counts_per_rev=2048))
@@ -361,7 +361,7 @@ def test_a_scale_with_a_unit_may_stand_anywhere() -> None:
     assert first.output_unit == last.output_unit == "rad/s"
 
 
-def test_a_scale_without_a_unit_stays_in_the_chain_and_its_meaning_is_told() -> None:
+def test_a_scale_without_a_unit_stays_in_the_chain_and_its_meaning_is_reported() -> None:
     data = measure(recording(counts_of(TRAVEL), "counts"), "scale 0.0030679616 | derivative")
 
     assert data.output_unit == "counts/s"
@@ -375,7 +375,7 @@ def test_a_scale_from_another_unit_than_the_data_is_refused() -> None:
         measure(recording(counts_of(TRAVEL), "counts", counts_per_rev=2048), "scale 0.1758 deg/count")
 
 
-def test_a_tachometer_shorter_than_the_time_between_samples_is_told() -> None:
+def test_a_tachometer_shorter_than_the_time_between_samples_is_reported() -> None:
     data = measure(recording(TRAVEL, "rad/s", chain="tachometer 0.5 ms"))
 
     assert codes(data) == {"window-too-short": Severity.INFO}
@@ -396,7 +396,7 @@ def test_all_that_is_missing_is_asked_for_at_once() -> None:
     assert "`output=theta:UNIT`" in str(caught.value)
 
 
-def test_rows_without_a_number_are_left_out_and_told() -> None:
+def test_rows_without_a_number_are_left_out_and_reported() -> None:
     values, times = TRAVEL.copy(), T.copy()
     values[[3, 10]] = np.nan
     times[7] = np.inf
@@ -413,7 +413,7 @@ def test_rows_without_a_number_are_left_out_and_told() -> None:
 @pytest.mark.parametrize(
     ("times", "rows"), [([0.0, 1.0, 1.0, 2.0], "row 2 (1 s) to row 3 (1 s)"), ([0.0, 2.0, 1.0, 3.0], "row 2")]
 )
-def test_times_that_do_not_increase_are_told_with_their_rows(times: list[float], rows: str) -> None:
+def test_times_that_do_not_increase_are_reported_with_their_rows(times: list[float], rows: str) -> None:
     with pytest.raises(UsageError) as caught:
         measure(recording(np.arange(4.0), "rad", t=np.array(times)))
     assert rows in str(caught.value)

@@ -48,7 +48,7 @@ def test_a_wrap_counts_up_when_the_counter_falls_from_its_largest_to_its_smalles
 
 
 @pytest.mark.parametrize("step", [32768.0, -32768.0])
-def test_half_the_modulus_is_told_as_ambiguous(step: float) -> None:
+def test_half_the_modulus_is_reported_as_ambiguous(step: float) -> None:
     assert unwrap(np.array([0.0, 1.0, 1.0 + step, 2.0 + step]), 65536.0).ambiguous.tolist() == [
         False,
         False,

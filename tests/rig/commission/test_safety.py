@@ -222,7 +222,7 @@ def test_a_device_that_can_not_be_opened_is_an_error_and_no_outcome() -> None:
 
 
 @pytest.mark.parametrize(("every", "expected"), [(20, "unknown"), (70, "verified")])
-def test_a_computer_that_is_too_late_is_told_from_a_bench_that_fails(every: int, expected: str) -> None:
+def test_a_computer_that_is_too_late_is_reported_from_a_bench_that_fails(every: int, expected: str) -> None:
     found = commissioned(faults=[{"name": "slow_read", "takes": "10 ms", "every": every}])
 
     assert found.outcome("rest").state == expected

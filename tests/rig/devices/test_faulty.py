@@ -99,7 +99,7 @@ def test_the_same_seed_gives_the_same_faults_and_a_second_run_of_a_device_is_lik
 
 @pytest.mark.promise("S40")
 @pytest.mark.parametrize("name", FAULTS.names())
-def test_it_is_told_in_the_info_and_the_recording_wherever_the_run_ends(name: str) -> None:
+def test_it_is_reported_in_the_info_and_the_recording_wherever_the_run_ends(name: str) -> None:
     device = faulty(EXAMPLES[name])
     told = text_of(fault(EXAMPLES[name]))
 

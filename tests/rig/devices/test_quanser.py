@@ -132,7 +132,7 @@ def test_without_quansers_software_one_sentence_says_how_to_get_it(monkeypatch: 
 # --- watchdog ---
 
 
-def test_the_watchdog_is_tried_and_what_came_of_it_is_told(bench: Bench) -> None:
+def test_the_watchdog_is_tried_and_what_came_of_it_is_reported(bench: Bench) -> None:
     with connect("quanser") as motor:
         states = [dict(motor.info.settings)["watchdog_state"]]
         motor.start(H, 0)

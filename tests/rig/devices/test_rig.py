@@ -177,7 +177,7 @@ def test_a_host_that_comes_too_late_is_told_that_the_watchdog_tripped() -> None:
     assert "its watchdog tripped: no voltage came for 50 ms" in sentence
 
 
-def test_a_run_that_came_too_late_is_told_from_one_that_the_bench_ended() -> None:
+def test_a_run_that_came_too_late_is_reported_from_one_that_the_bench_ended() -> None:
     assert "voltages-late" in codes_after(lambda bench: bench.board.let_pass(80))
     assert "voltages-late" not in codes_after(lambda bench: bench.board.block())
 

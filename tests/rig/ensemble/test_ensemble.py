@@ -311,7 +311,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[UsageError], str]] = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_cannot_be_is_told_in_a_sentence(wrong: str) -> None:
+def test_what_cannot_be_is_reported_in_a_sentence(wrong: str) -> None:
     changed, kind, told = WRONG[wrong]
     given: dict[str, Any] = {"motor": "qube_servo_2", "experiment": SHORT, "n": 3, "spread": FIVE}
 

@@ -222,7 +222,7 @@ def test_what_is_done_when_late_is_one_of_two_words_each() -> None:
     )
 
 
-def test_all_mistakes_are_told_at_once_in_the_order_of_their_lines() -> None:
+def test_all_mistakes_are_reported_at_once_in_the_order_of_their_lines() -> None:
     text = """# An experiment with mistakes
 [experiment]
 duration = "10 A"
@@ -259,7 +259,7 @@ settings = 8
     ]
 
 
-def test_mistakes_in_nested_signals_are_told_where_they_stand() -> None:
+def test_mistakes_in_nested_signals_are_reported_where_they_stand() -> None:
     text = """[signal]
 type = "sum"
 [[signal.parts]]
@@ -332,7 +332,7 @@ parts = [ {type = "sine", frequency = "1 V"}, # }
         ("x = " + "9" * 6000, "my.toml: this can't be read as TOML: Exceeds the limit"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(text: str, expected: str) -> None:
+def test_a_mistake_is_reported_with_its_line(text: str, expected: str) -> None:
     (line,) = told(text)
     assert line.startswith(expected)
 
@@ -372,7 +372,7 @@ def test_what_is_no_file_is_named(tmp_path: Path) -> None:
         load_experiment("a\0b")
 
 
-def test_an_error_of_another_layer_is_told_with_the_line_in_the_file() -> None:
+def test_an_error_of_another_layer_is_reported_with_the_line_in_the_file() -> None:
     class Motor(Settings):
         resistance: Resistance = 8.4
 
@@ -392,7 +392,7 @@ def test_an_error_of_another_layer_is_told_with_the_line_in_the_file() -> None:
     )
 
 
-def test_an_error_in_a_model_that_is_not_ours_is_told_too() -> None:
+def test_an_error_in_a_model_that_is_not_ours_is_reported_too() -> None:
     class Foreign(BaseModel):
         port: int
 

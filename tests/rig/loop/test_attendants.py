@@ -94,7 +94,7 @@ def test_a_program_that_is_gone_ends_the_run() -> None:
 
 
 @pytest.mark.promise("S37")
-def test_a_fault_and_its_acknowledgement_are_told_once_with_their_ticks(rows: RowRing) -> None:
+def test_a_fault_and_its_acknowledgement_are_reported_once_with_their_ticks(rows: RowRing) -> None:
     guarded = Guarded(Shaft(), when_faulted="hold")  # type: ignore[arg-type]
     with MessageRing.create() as events:
         told = events.reader(0)

@@ -365,7 +365,7 @@ def test_two_faults_end_the_blocks_at_the_earlier_one(both: Callable[..., Any]) 
     assert 900 < runs[1].ticks_in_blocks < 1850  # of 2000, 150 with a fault
 
 
-def test_what_is_of_a_users_own_goes_tick_by_tick_and_is_told() -> None:
+def test_what_is_of_a_users_own_goes_tick_by_tick_and_is_reported() -> None:
     class Own(Pid):
         pass
 

@@ -30,7 +30,7 @@ def test_the_limit_is_a_tick_and_two_hundred_parts_per_million(span: float, limi
     assert (codes(within), codes(beyond)) == ([], ["clocks-disagree"])
 
 
-def test_a_simulation_that_missed_steps_beside_the_wall_clock_is_told_with_all_three_spans() -> None:
+def test_a_simulation_that_missed_steps_beside_the_wall_clock_is_reported_with_all_three_spans() -> None:
     """500 of 5,000 ticks were missed, and the simulation stood still in them."""
     (finding,) = pace(Spans(sample_time=0.002, ticks=9.998, device=8.998, host=9.998))
 
@@ -42,7 +42,7 @@ def test_a_simulation_that_missed_steps_beside_the_wall_clock_is_told_with_all_t
     assert "up to 10 % apart" in finding.sentence
 
 
-def test_a_device_with_a_ceramic_resonator_is_told() -> None:
+def test_a_device_with_a_ceramic_resonator_is_reported() -> None:
     """Half a per cent fast, over a minute: 300 ms, of which 2 + 16 + 12 ms are allowed."""
     spans = Spans(sample_time=0.002, ticks=60.0, device=60.0, host=60.3, handed_on=True)
 

@@ -130,7 +130,7 @@ def test_the_commands_stand_in_the_recording(commanded: tuple[Recording, list[No
     assert recording.stopped.sentence == "enough"
 
 
-def test_a_device_that_can_not_be_opened_is_told_as_it_would_be_here(tmp_path: Path) -> None:
+def test_a_device_that_can_not_be_opened_is_reported_as_it_would_be_here(tmp_path: Path) -> None:
     nowhere = DeviceChoice(name="twin", settings={"timing": "host", "solver_step": "-1 ms"})
 
     with (
@@ -237,7 +237,7 @@ def test_a_command_that_says_nothing_useful_is_refused_with_the_reason() -> None
             Order.parse(text)
 
 
-def test_what_is_no_experiment_or_no_device_is_told() -> None:
+def test_what_is_no_experiment_or_no_device_is_reported() -> None:
     with pytest.raises(UsageError, match="3 isn't an experiment; expected an Experiment"):
         LoopProcess(3)  # type: ignore[arg-type]
     with pytest.raises(UsageError, match=r"experiment is 3 \(int\); expected an Experiment"):
@@ -262,7 +262,7 @@ def test_a_sample_time_that_the_watchdog_cannot_wait_for_is_refused_before_anyth
             loop.__enter__()
 
 
-def test_a_ctrl_c_that_comes_while_a_silence_is_told_ends_as_one_after_it(
+def test_a_ctrl_c_that_comes_while_a_silence_is_reported_ends_as_one_after_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     told: list[str] = []
@@ -294,7 +294,7 @@ def test_the_supply_comes_before_what_can_wait() -> None:
     assert told == ["SWITCH OFF THE SUPPLY.", "The device could not be closed."]
 
 
-def test_how_a_process_or_a_call_ended_is_told_in_words() -> None:
+def test_how_a_process_or_a_call_ended_is_reported_in_words() -> None:
     assert exit_text(3) == "with status 3"
     assert exit_text(-signal.SIGABRT) == "killed by SIGABRT (aborted)"
     request = KeyboardInterrupt("SIGTERM, which was sent to the loop's process")

@@ -55,7 +55,9 @@ def test_a_file_and_memory_give_the_same(tmp_path: Path, blocks: int) -> None:
     assert found[0]["b"].values.tolist() == np.repeat(np.arange(float(blocks)), 2).tolist()
 
 
-def test_a_disk_that_hangs_is_told_to_a_loop_that_can_not_wait(tmp_path: Path, hanging_disk: Event) -> None:
+def test_a_disk_that_hangs_is_reported_to_a_loop_that_can_not_wait(
+    tmp_path: Path, hanging_disk: Event
+) -> None:
     recorder = ToFile(OPENING, tmp_path / "a.mcap", patience=0)
 
     with pytest.raises(StorageError, match=r"doesn't keep up .* kept in \(a\.mcap\.part\)"):

@@ -205,7 +205,7 @@ def test_an_unfinished_recording_of_that_name_is_refused_and_the_loop_hears_of_i
     assert part.read_bytes() == b"precious"
 
 
-def test_a_row_that_doesn_t_fit_the_experiment_is_a_mistake_that_is_told(path: Path) -> None:
+def test_a_row_that_doesn_t_fit_the_experiment_is_a_mistake_that_is_reported(path: Path) -> None:
     with RingLoop(path) as loop:
         spec = loop.spec
         with RingLoop(path) as other:

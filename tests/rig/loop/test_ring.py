@@ -93,7 +93,7 @@ def test_two_readers_don_t_know_of_each_other(ring: RowRing) -> None:
     assert (numbers(late), late.missed) == ([6, 7, 8, 9], 0)
 
 
-def test_a_reader_begins_at_the_oldest_row_unless_told_otherwise(ring: RowRing) -> None:
+def test_a_reader_begins_at_the_oldest_row_unless_reported_otherwise(ring: RowRing) -> None:
     fill(ring, 0, 20)
     oldest, first, ahead = ring.reader(), ring.reader(0), ring.reader(21)
 
@@ -374,7 +374,7 @@ except StorageError as error:
 
 @pytest.mark.promise("S57")
 @pytest.mark.skipif(sys.platform == "win32", reason="ulimit is POSIX's")
-def test_a_limit_for_the_size_of_files_is_told_and_leaves_no_memory_behind() -> None:
+def test_a_limit_for_the_size_of_files_is_reported_and_leaves_no_memory_behind() -> None:
     # Before Python 3.13 it waited for a lock that it held itself; `in_python` waits a minute.
     ended = in_python(UNDER_A_LIMIT)
 
@@ -387,7 +387,7 @@ def test_a_limit_for_the_size_of_files_is_told_and_leaves_no_memory_behind() -> 
     assert not list(Path("/dev/shm").glob(f"servobench-*-{number}-*"))
 
 
-def test_too_little_shared_memory_is_told_before_it_is_touched(
+def test_too_little_shared_memory_is_reported_before_it_is_touched(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     class Usage:

@@ -414,7 +414,7 @@ def test_the_voltage_before_the_first_sample_is_the_start_value_only_where_it_he
 
 
 @pytest.mark.promise("S31")
-def test_lateness_is_recorded_and_told() -> None:
+def test_lateness_is_recorded_and_reported() -> None:
     seconds = [0.0]
 
     def stall(index: int) -> None:

@@ -258,7 +258,7 @@ def payload_of(frame: bytes) -> bytes:
     return decode(frame) or b""
 
 
-def test_row_13_each_sample_that_is_lost_is_told_by_its_number_and_time() -> None:
+def test_row_13_each_sample_that_is_lost_is_reported_by_its_number_and_time() -> None:
     drawn = random.Random(13)
     lost = set(drawn.sample(range(5, 1995), 60))
     recording = losing(lost)

@@ -23,7 +23,9 @@ def recording() -> Recording:
         return sb.run(load_experiment(EXAMPLE), motor)
 
 
-def test_the_shaft_goes_where_it_is_told_and_the_voltage_stays_within_its_limit(recording: Recording) -> None:
+def test_the_shaft_goes_where_it_is_reported_and_the_voltage_stays_within_its_limit(
+    recording: Recording,
+) -> None:
     angle = recording["counts"].values * 2 * math.pi / 2048
     period = round(2.5 / 0.002)
     ends = angle[period // 2 - 1 :: period // 2]

@@ -46,6 +46,6 @@ def test_a_shaft_that_stands_at_its_reference_is_no_clipped_sensor(followed: Dat
     assert "output-clipped" not in codes(followed)
 
 
-def test_a_sensor_that_ends_before_the_reference_is_told_in_a_loop_too(followed: Dataset) -> None:
+def test_a_sensor_that_ends_before_the_reference_is_reported_in_a_loop_too(followed: Dataset) -> None:
     """±0.5 rad of ±1: half of the way is missing, which no friction holds a shaft from."""
     assert "output-clipped" in codes(replace(followed, y=np.clip(followed.y, -0.5, 0.5)))

@@ -225,7 +225,7 @@ def test_a_filter_that_is_too_slow_for_the_poles_is_said_and_the_nearest_wish_is
     assert off(*judged_poles(made, motor)) <= MOST_OFF
 
 
-def test_a_wish_slower_than_the_motor_is_told_the_slowest_that_can_be_had() -> None:
+def test_a_wish_slower_than_the_motor_is_reported_the_slowest_that_can_be_had() -> None:
     motor = (23.7, 0.0992, 0.0004)
     wish = Wish(controller="pid", output="position", sample_time=0.002, damping=0.8, bandwidth=5.0)
 

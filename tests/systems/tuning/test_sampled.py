@@ -190,7 +190,7 @@ def test_a_filter_far_faster_than_the_ticks_does_nothing(cutoff: float) -> None:
     assert found.phase_margin == pytest.approx(math.pi + np.angle(loop(crossover)), abs=1e-7)
 
 
-def test_gains_beyond_all_numbers_are_told() -> None:
+def test_gains_beyond_all_numbers_are_reported() -> None:
     with pytest.raises(UsageError, match="take smaller gains"):
         open_loop(Pid(kp=1.0, kd=1e307), K, TAU, 0.0, H)
 

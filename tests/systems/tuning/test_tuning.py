@@ -265,7 +265,7 @@ def test_over_the_interval_of_the_motor_the_twin_overshoots_by_what_is_predicted
     ],
     ids=str,
 )
-def test_a_wish_that_is_too_fast_is_refused_and_the_fastest_that_is_told_can_be_had(
+def test_a_wish_that_is_too_fast_is_refused_and_the_fastest_that_is_reported_can_be_had(
     asked: dict[str, Any], because: str
 ) -> None:
     with pytest.raises(UsageError, match=because) as caught:
@@ -320,7 +320,7 @@ def test_lambda_below_the_dead_time_is_refused() -> None:
         ("lamda_tuning", {"closed_loop": 0.1}, "did you mean 'lambda_tuning'"),
     ],
 )  # fmt: skip
-def test_a_wish_that_says_too_little_too_much_or_nonsense_is_told(
+def test_a_wish_that_says_too_little_too_much_or_nonsense_is_reported(
     method: str, asked: dict[str, Any], because: str
 ) -> None:
     with pytest.raises(UsageError, match=because):
@@ -387,7 +387,7 @@ def test_margins_without_intervals_are_the_same() -> None:
     assert METHODS["pole_placement"](motor, wish(damping=0.8, bandwidth=20.0)) == made.controller
 
 
-def test_a_response_is_told_only_where_it_is_worked_out_as_far_as_its_overshoot() -> None:
+def test_a_response_is_reported_only_where_it_is_worked_out_as_far_as_its_overshoot() -> None:
     """At a tick of 5 µs the first 20 000 end before the loop has risen: it was told to have no overshoot."""
     with pytest.raises(UsageError, match="takes more than 20000 ticks of that; expected") as refused:
         tuned(damping=0.5, bandwidth=20.0, sample_time=5e-6)
@@ -407,7 +407,7 @@ def test_a_response_is_told_only_where_it_is_worked_out_as_far_as_its_overshoot(
         {"poles": (-1e300 + 0j, -1e300 + 0j)},
     ],
 )
-def test_a_bandwidth_beyond_any_controller_is_told(asked: dict[str, Any]) -> None:
+def test_a_bandwidth_beyond_any_controller_is_reported(asked: dict[str, Any]) -> None:
     with pytest.raises(
         UsageError, match=r"no controller samples fast enough for a loop faster than 1e\+09 rad/s; expected"
     ):

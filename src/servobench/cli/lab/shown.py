@@ -145,11 +145,11 @@ def _show_blanks(console: Console, worked: WorkedExercise, *, solution: bool) ->
         answer_text = blank.unit
         if solution:
             answer = answers[blank.id]
-            answer_text = (answer.text or "not told").replace("−", "-")
+            answer_text = (answer.text or "not known").replace("−", "-")
         rows.append((blank.id, answer_text, line_text(blank.label)))
     show_table(console, headings, rows)
-    why_not = [f"{name} isn't told: {answer.why_not}" for name, answer in answers.items() if not answer.text]
-    for sentence in (*why_not, *(worked.never_told if solution else ())):
+    why_not = [f"{name} isn't known: {answer.why_not}" for name, answer in answers.items() if not answer.text]
+    for sentence in (*why_not, *(worked.unnoticed_mistakes if solution else ())):
         show_wrapped(console, Text("  ! ", style="bold yellow"), line_text(sentence), hanging=4)
     if not solution and not worked.given:
         first = exercise.blanks[0]

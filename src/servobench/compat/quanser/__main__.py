@@ -79,7 +79,7 @@ def _finish(bench: Bench) -> None:
     """Put the boards to rest, and say how it ended."""
     bench.uninstall()
     if bench.forks:
-        bench.say("child processes were started; what they left on a board isn't told here.")
+        bench.say("child processes were started; what they left on a board isn't reported here.")
     if not bench.endings:
         bench.say(f"end: {'this process opened no board' if bench.forks else 'no board was opened'}.")
     for ending in bench.endings:

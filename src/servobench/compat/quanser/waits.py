@@ -155,7 +155,7 @@ class Idle:
         self._timebase, self._say = timebase, say
         self._wall = self._computed = 0.0
         self._began: tuple[float, float] | None = None
-        self._is_told = False
+        self._reported = False
 
     def begin(self) -> None:
         """Begin to count: a call has ended."""
@@ -163,13 +163,13 @@ class Idle:
 
     def end(self, *, driven: bool) -> None:
         """Count what went by until a call."""
-        if self._began is None or not driven or self._is_told or self._timebase.paced:
+        if self._began is None or not driven or self._reported or self._timebase.paced:
             return
         self._wall += clock._wall() - self._began[0]
         self._computed += _cpu() - self._began[1]
         waited = self._wall - self._computed
         if waited > max(_TOO_LONG, _MOST * self._wall):
-            self._is_told = True
+            self._reported = True
             self._say(
                 f"{waited:.1f} s went by while the motor was driven, and simulated time stood still: the program waits by other "
                 "means than time.sleep. Its numbers are right in real time only."

@@ -96,8 +96,8 @@ def with_counts_as_bins(fit: Fit) -> Fit:
 
 def _rounding_lasts(fit: Fit) -> bool:
     """Whether gain or time constant has a far wider interval than white rounding would make, and the data tell the delay."""
-    told = all(finding.code != delay_prior.CODE for finding in fit.findings)
-    if not told or not {"gain", "time_constant"} <= set(fit.model.names):
+    delay_is_known = all(finding.code != delay_prior.CODE for finding in fit.findings)
+    if not delay_is_known or not {"gain", "time_constant"} <= set(fit.model.names):
         return False
     if not all(is_rounded(record.data) and record.valid.all() for record in fit.records):
         return False
@@ -176,8 +176,8 @@ def _where_rounding_repeats(fit: Fit) -> Fit | None:
             "roundings decide"
         ),
     )
-    said = (*counted.findings, info("rounding-repeats", sentence))
-    return replace(counted.widen(line), findings=said)
+    findings = (*counted.findings, info("rounding-repeats", sentence))
+    return replace(counted.widen(line), findings=findings)
 
 
 def _by_counts(fit: Fit) -> Fit | None:

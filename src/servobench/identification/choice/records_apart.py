@@ -62,10 +62,10 @@ def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], F
     added = np.zeros_like(fit.covariance)
     holding = {}
     for name in apart:
-        told = [each.fit[name] for each in selections if np.isfinite(each.fit[name].sd)]
+        estimates = [each.fit[name] for each in selections if np.isfinite(each.fit[name].sd)]
         at = fit.model.names.index(name)
-        added += _beyond_stated(fit[name], told, len(fit.records)) * _joint_factor(fit, at, selections)
-        holding[name] = _hull([fit[name], *told])
+        added += _beyond_stated(fit[name], estimates, len(fit.records)) * _joint_factor(fit, at, selections)
+        holding[name] = _hull([fit[name], *estimates])
     line = Contribution(
         source="disagreement between records",
         covariance=added,
@@ -73,8 +73,8 @@ def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], F
         freedom=len(fit.records) - 1,
     )
     wider = fit.widen(line)
-    said = (*fit.findings, _finding(apart, selections))
-    return replace(wider, intervals={**wider.intervals, **holding}, findings=said)
+    findings = (*fit.findings, _finding(apart, selections))
+    return replace(wider, intervals={**wider.intervals, **holding}, findings=findings)
 
 
 def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> list[_Without]:
@@ -111,9 +111,9 @@ def _ends(name: str, selections: Sequence[_Without]) -> tuple[_Without, _Without
     return low, max(known, key=lambda each: each.fit[name].interval[0])
 
 
-def _beyond_stated(whole: Estimate, told: Sequence[Estimate], count: int) -> float:
+def _beyond_stated(whole: Estimate, estimates: Sequence[Estimate], count: int) -> float:
     """The variance that the jackknife has beyond that of the whole; 0 where there is none."""
-    values = np.array([each.value for each in told])
+    values = np.array([each.value for each in estimates])
     jackknife = float(np.sqrt((count - 1) * np.mean((values - values.mean()) ** 2)))
     return max(jackknife**2 - whole.sd**2, 0.0) if np.isfinite(whole.sd) else 0.0
 

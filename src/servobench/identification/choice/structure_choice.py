@@ -140,8 +140,8 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
             f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
             f"with it {with_friction.fit_percent:.1f} %, and the gain would be {gains}."
         )
-        told = info("friction-found", sentence, parameters=("coulomb_voltage",))
-        return _Base(fit=with_friction, findings=(told,), fits=fits)
+        finding = info("friction-found", sentence, parameters=("coulomb_voltage",))
+        return _Base(fit=with_friction, findings=(finding,), fits=fits)
     if shifts_parameters(with_friction, frictionless):
         return _Base(fit=with_friction, findings=(_friction_possible(gains),), fits=fits)
     sentence = "The data show no Coulomb friction: the model without it explains them as well."
@@ -245,8 +245,8 @@ def _climb(
         terms = [
             t for t in _candidate_terms(shown, fit) if t not in refused and with_added_term(fit.structure, t)
         ]
-        asked = _significant_terms(shown)
-        rungs = (try_rung(method, data, plain, fit, term, term in asked, allow) for term in terms)
+        significant = _significant_terms(shown)
+        rungs = (try_rung(method, data, plain, fit, term, term in significant, allow) for term in terms)
         kept = next((rung for rung in rungs if not _note_refusal(rung, refused)), None)
         if kept is None:
             break
@@ -255,14 +255,14 @@ def _climb(
         plain, fit = kept.plain, kept.fit
         shown = score_terms(fit)
     hidden = [rung.hidden for rung in refused.values() if rung.hidden]
-    told = (*findings, stop_finding(fit, shown, refused), *hidden)
-    return Choice(fit=fit, causes=causes, shown=shown, findings=told)
+    all_findings = (*findings, stop_finding(fit, shown, refused), *hidden)
+    return Choice(fit=fit, causes=causes, shown=shown, findings=all_findings)
 
 
 def _is_damaged(causes: Causes, fit: Fit) -> bool:
     """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
-    told = [finding for record in causes.records for finding in record.findings]
-    return names_a_cause([*told, *about_data(causes.records)]) or causes.are_damage(fit.fit_percent)
+    findings = [finding for record in causes.records for finding in record.findings]
+    return names_a_cause([*findings, *about_data(causes.records)]) or causes.are_damage(fit.fit_percent)
 
 
 def _note_refusal(rung: Rung, refused: dict[str, Rung]) -> bool:
@@ -278,23 +278,23 @@ def _candidate_terms(shown: Sequence[TermScore], fit: Fit) -> list[str]:
     A score test knows of small terms only: where gravity is large, the model's angle is so wrong that a pull by it means nothing.
     Where a long record is nearly explained, what is missing is small, and the intervals hold it: each trial would take seconds.
     """
-    asked = _significant_terms(shown)
+    significant = _significant_terms(shown)
     first = [
-        term for term in asked if term == "winding"
+        term for term in significant if term == "winding"
     ]  # two poles bend all else, and are fitted in no time
     if sum(len(record.data.y) for record in fit.records) >= _LARGE and fit.fit_percent >= _NEARLY_ALL:
         return first
     if not explains_the_colour(fit):
-        return list(dict.fromkeys([*first, *_BY_TRIAL, *asked]))
+        return list(dict.fromkeys([*first, *_BY_TRIAL, *significant]))
     # Friction was looked for before gravity was known, and so in vain.
-    return ["coulomb", *asked] if fit.structure == "first_order_gravity" else asked
+    return ["coulomb", *significant] if fit.structure == "first_order_gravity" else significant
 
 
 def _significant_terms(shown: Sequence[TermScore]) -> list[str]:
     """The rungs that the data ask for, strongest first."""
-    asked = [one for one in shown if _asks(one)]
-    asked.sort(key=lambda one: -one.size)
-    return list(dict.fromkeys(str(one.term.rung) for one in asked))
+    significant = [one for one in shown if _asks(one)]
+    significant.sort(key=lambda one: -one.size)
+    return list(dict.fromkeys(str(one.term.rung) for one in significant))
 
 
 def _asks(one: TermScore) -> bool:

@@ -111,5 +111,5 @@ def _parts(
     scatter = np.outer(shift[:, 0], shift[:, 0]) if motor.disturbance is None else np.zeros((shared, shared))
     # As much of the errors as the residuals will leave (`estimators.structure_errors`).
     left = e[:, 1:] - j @ (bread @ (j.T @ e[:, 1:]))
-    told = np.eye(left.shape[1]) + left.T @ left
-    return bread[:shared, :shared], scatter, shift[:, 1:] @ np.linalg.solve(told, shift[:, 1:].T)
+    information = np.eye(left.shape[1]) + left.T @ left
+    return bread[:shared, :shared], scatter, shift[:, 1:] @ np.linalg.solve(information, shift[:, 1:].T)

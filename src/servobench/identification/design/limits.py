@@ -50,11 +50,11 @@ def limit_use(motor: AssumedMotor, limits: DesignLimits, t: Array, u: Array) -> 
     It is the most that any motor within the tolerance does: gain and time constant at their ends.
     """
     parts = {"voltage": float(np.abs(u).max()) / limits.voltage}
-    asked = {name for name in ("current", "speed", "travel") if getattr(limits, name) is not None}
-    if not asked:
+    limited = {name for name in ("current", "speed", "travel") if getattr(limits, name) is not None}
+    if not limited:
         return parts
     ends = (1 - motor.tolerance, 1 + motor.tolerance)
-    most = dict.fromkeys(asked, 0.0)
+    most = dict.fromkeys(limited, 0.0)
     for gain, tau in product(ends, ends):
         position, speed = motor.motion(t, u, gain, tau)
         found = {
@@ -62,7 +62,7 @@ def limit_use(motor: AssumedMotor, limits: DesignLimits, t: Array, u: Array) -> 
             "travel": float(np.abs(position).max()),
             "current": _current(motor, u, speed),
         }
-        most = {name: max(most[name], found[name]) for name in asked}
+        most = {name: max(most[name], found[name]) for name in limited}
     return parts | {name: value / float(getattr(limits, name)) for name, value in most.items()}
 
 

@@ -96,12 +96,12 @@ def _of_the_test(motor: AssumedMotor, names: Sequence[str], u: Array, sample_tim
     start = jacobian[:, [len(own)]]
     j = jacobian[:, : len(own)]
     j = j - start @ np.linalg.lstsq(start, j, rcond=None)[0]
-    told = j.T @ j
+    information = j.T @ j
     found = np.zeros((len(names), len(names)))
     for a, first in enumerate(names):
         for b, second in enumerate(names):
             if first in own and second in own:
-                found[a, b] = told[own.index(first), own.index(second)]
+                found[a, b] = information[own.index(first), own.index(second)]
     return found
 
 

@@ -84,13 +84,13 @@ class StoppingRule:
 
     def progress_text(self, result: Result) -> str:
         """Return in words how well a result knows each parameter wished for, and its verdict where that isn't trusted."""
-        told = []
+        parts = []
         for name in self.wished:
             share = half(result, name)
             how = f"± {100 * share:.2g} %" if math.isfinite(share) else "not known"
-            told.append(f"{parameter_in_words(name)} {how}")
+            parts.append(f"{parameter_in_words(name)} {how}")
         verdict = "" if result.verdict is Verdict.TRUSTED else f", and the result is {result.verdict}"
-        return f"{' and '.join(told)}{verdict}"
+        return f"{' and '.join(parts)}{verdict}"
 
     def is_met(self, result: Result) -> bool:
         """Return whether a result is trusted and knows each parameter as well as wished."""

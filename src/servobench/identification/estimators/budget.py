@@ -35,9 +35,9 @@ def beyond(target: Array, already: Array) -> Array:
     matter. Parameters of which either says nothing (infinite) get nothing.
     """
     sd = np.sqrt(np.maximum(np.diag(target), np.diag(already)))
-    told = np.isfinite(sd) & (sd > 0)
-    part = np.ix_(told, told)
-    scale = np.outer(sd[told], sd[told])
+    finite = np.isfinite(sd) & (sd > 0)
+    part = np.ix_(finite, finite)
+    scale = np.outer(sd[finite], sd[finite])
     values, vectors = np.linalg.eigh((target[part] - already[part]) / scale)
     out = np.zeros_like(target)
     out[part] = (vectors * np.maximum(values, 0.0)) @ vectors.T * scale

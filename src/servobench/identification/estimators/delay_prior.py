@@ -85,11 +85,11 @@ def where_expected(
     delay = float(minimum.theta[prior.at])
     if sd < TOLD * prior.scale and abs(delay - prior.middle) < _USUAL * prior.scale:
         return _one_of_several(structure, data, minimum, prior)
-    drawn = delay
+    shrunk = delay
     if np.isfinite(sd):
-        drawn += (prior.middle - delay) * sd**2 / (sd**2 + prior.scale**2)
+        shrunk += (prior.middle - delay) * sd**2 / (sd**2 + prior.scale**2)
     samples = _samples(data, minimum)
-    held = _minima_at(structure, data, minimum, prior.at, (prior.middle, drawn))
+    held = _minima_at(structure, data, minimum, prior.at, (prior.middle, shrunk))
     best = _likeliest(data, held, prior, samples)
     if structure.friction:
         # Where the input climbs in stairs, parts of a sample are told: beside the place that is usual is one that suits the data.

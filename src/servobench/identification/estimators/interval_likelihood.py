@@ -152,8 +152,8 @@ def _fit_from(layout: Layout, found: Optimum, noise: NoiseProfile) -> Fit:
     lower, upper = layout.bounds()
     theta = found.near.theta if found.at_kink else found.near.theta + noise.best.change
     theta = np.clip(theta, lower, upper)
-    said = found.near.bins_at(noise.best)
-    covariance = _covariance(layout, found.near, noise, said)[: layout.shared, : layout.shared]
+    all_bins = found.near.bins_at(noise.best)
+    covariance = _covariance(layout, found.near, noise, all_bins)[: layout.shared, : layout.shared]
     records = simulations(structure, data, theta)
     squares = sum(float(record.residual @ record.residual) for record in records)
     samples = sum(len(record.residual) for record in records)
@@ -172,26 +172,28 @@ def _fit_from(layout: Layout, found: Optimum, noise: NoiseProfile) -> Fit:
         converged=found.converged,
         status=found.status,
         residual_sd=float(np.sqrt(squares / max(samples - len(theta), 1))),
-        records=_with_scores(records, said),
+        records=_with_scores(records, all_bins),
         findings=(
             *remarks(structure, data, ended),
-            _noise_told(noise, data[0]),
-            *_miscounts_told(records, noise.best.s),
-            *_torque_told(layout, found.near, said, noise.best.s),
+            _about_noise(noise, data[0]),
+            *_about_miscounts(records, noise.best.s),
+            *_about_torque(layout, found.near, all_bins, noise.best.s),
         ),
     )
 
 
-def _covariance(layout: Layout, near: Near, noise: NoiseProfile, said: Sequence[Bins]) -> Array:
+def _covariance(layout: Layout, near: Near, noise: NoiseProfile, all_bins: Sequence[Bins]) -> Array:
     """The covariance of the joint vector: the larger of the inverse information and one that allows for coloured scores.
 
     As with output error, a parameter at its bound is held there for the others' sake and has the standard deviation of a free
     one; what the structure knows that it can't resolve is added.
     """
     best = noise.best
-    scores = _scores(near, said)
+    scores = _scores(near, all_bins)
     found = noise.widen(conservative(inverse(best.information), sandwich(best.information, scores)))
-    found += of_known_errors(layout.structure, _weigh_records(layout, near, said), inverse(best.information))
+    found += of_known_errors(
+        layout.structure, _weigh_records(layout, near, all_bins), inverse(best.information)
+    )
     everything = replace(near, free=np.ones_like(near.free)).at(best.change, best.s).information
     held = ~near.free
     found[held, held] = np.diag(inverse(everything))[held]
@@ -200,17 +202,17 @@ def _covariance(layout: Layout, near: Near, noise: NoiseProfile, said: Sequence[
     return found
 
 
-def _scores(near: Near, said: Sequence[Bins]) -> list[Array]:
+def _scores(near: Near, all_bins: Sequence[Bins]) -> list[Array]:
     """The scores of each record over the joint vector, (M, P + ΣQ)."""
     scores = []
-    for j, place, told in zip(near.jacobians, near.places, said, strict=True):
+    for j, place, bins in zip(near.jacobians, near.places, all_bins, strict=True):
         score = np.zeros((len(j), len(near.theta)))
-        score[:, place] = j * told.score[:, None]
+        score[:, place] = j * bins.score[:, None]
         scores.append(score * near.free)
     return scores
 
 
-def _weigh_records(layout: Layout, near: Near, said: Sequence[Bins]) -> list[WeightedRecord]:
+def _weigh_records(layout: Layout, near: Near, all_bins: Sequence[Bins]) -> list[WeightedRecord]:
     """The records at the maximum, each sample with what its bin tells."""
     return [
         WeightedRecord(
@@ -218,24 +220,24 @@ def _weigh_records(layout: Layout, near: Near, said: Sequence[Bins]) -> list[Wei
             theta=near.theta[place],
             place=place,
             jacobian=j,
-            weight=told.information,
-            score=told.score,
+            weight=bins.information,
+            score=bins.score,
             used=np.ones(len(j), dtype=bool),
         )
-        for record, j, place, told in zip(layout.data, near.jacobians, near.places, said, strict=True)
+        for record, j, place, bins in zip(layout.data, near.jacobians, near.places, all_bins, strict=True)
     ]
 
 
-def _with_scores(records: Sequence[FittedRecord], said: Sequence[Bins]) -> tuple[FittedRecord, ...]:
+def _with_scores(records: Sequence[FittedRecord], all_bins: Sequence[Bins]) -> tuple[FittedRecord, ...]:
     """The records with their scores for innovations, of unit variance over all of them: they point as residuals do."""
-    power = float(np.mean(np.concatenate([told.score for told in said]) ** 2)) or 1.0
+    power = float(np.mean(np.concatenate([bins.score for bins in all_bins]) ** 2)) or 1.0
     return tuple(
-        replace(record, innovations=told.score / np.sqrt(power))
-        for record, told in zip(records, said, strict=True)
+        replace(record, innovations=bins.score / np.sqrt(power))
+        for record, bins in zip(records, all_bins, strict=True)
     )
 
 
-def _noise_told(noise: NoiseProfile, data: Dataset) -> Finding:
+def _about_noise(noise: NoiseProfile, data: Dataset) -> Finding:
     quantum = _quantum(data)
     s, (low, high) = noise.best.s / quantum, (edge / quantum for edge in noise.interval)
     if noise.at_floor:
@@ -250,7 +252,7 @@ def _noise_told(noise: NoiseProfile, data: Dataset) -> Finding:
     return info("noise-before-rounding", sentence + ".")
 
 
-def _miscounts_told(records: Sequence[FittedRecord], s: float) -> list[Finding]:
+def _about_miscounts(records: Sequence[FittedRecord], s: float) -> list[Finding]:
     """A warning for each record with counts that no noise explains: they raise the noise level for all others."""
     found = []
     for record in records:
@@ -267,12 +269,12 @@ def _miscounts_told(records: Sequence[FittedRecord], s: float) -> list[Finding]:
     return found
 
 
-def _torque_told(layout: Layout, near: Near, said: Sequence[Bins], s: float) -> list[Finding]:
+def _about_torque(layout: Layout, near: Near, all_bins: Sequence[Bins], s: float) -> list[Finding]:
     """A warning where the scores wander as under a random torque, which is no noise of the measurement."""
     names = [parameter.name for parameter in layout.structure.parameters]
     if "time_constant" not in names:
         return []
-    ratio = wander_ratio(layout, near, said, s, float(near.theta[names.index("time_constant")]))
+    ratio = wander_ratio(layout, near, all_bins, s, float(near.theta[names.index("time_constant")]))
     if ratio <= _DOUBT:
         return []
     return [

@@ -64,7 +64,7 @@ class StepReading:
             return _with(
                 found, warning("chain-in-the-reading", _sentence(str(error)), parameters=("time_constant",))
             )
-        return _with(found, *_lag_told(self.name, data, float(readings.mean[1]), float(true[1])))
+        return _with(found, *_about_lag(self.name, data, float(readings.mean[1]), float(true[1])))
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class CorrectedReading:
         readings = read_steps(data, self.rule)
         values, slope = read_alike(structure, data, readings, self.rule)
         found = _fit(self.name, structure, data, readings, values, slope)
-        return _with(found, *_correction_told(data, float(readings.mean[1]), float(values[1])))
+        return _with(found, *_about_correction(data, float(readings.mean[1]), float(values[1])))
 
 
 def refuse_data(name: str, can: Abilities, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
@@ -311,7 +311,7 @@ def _remarks(name: str, readings: Readings, data: Sequence[Dataset]) -> list[Fin
     return found
 
 
-def _lag_told(name: str, data: Sequence[Dataset], read: float, true: float) -> list[Finding]:
+def _about_lag(name: str, data: Sequence[Dataset], read: float, true: float) -> list[Finding]:
     """The effect of the measurement chain on a reading that ignores it."""
     lag = (read - true) / true
     if not any(record.kind == "position" or record.chain for record in data) and abs(lag) < _LARGE:
@@ -321,11 +321,11 @@ def _lag_told(name: str, data: Sequence[Dataset], read: float, true: float) -> l
         f"The measurement chain ({' or '.join(chains)}) is part of the reading: a motor of {true:.4g} s reads "
         f"{read:.4g} s here, {100 * lag:+.2g} %. {name}_corrected removes that."
     )
-    told = warning if abs(lag) >= _LARGE else info
-    return [told("chain-in-the-reading", sentence, parameters=("time_constant",))]
+    severity = warning if abs(lag) >= _LARGE else info
+    return [severity("chain-in-the-reading", sentence, parameters=("time_constant",))]
 
 
-def _correction_told(data: Sequence[Dataset], read: float, true: float) -> list[Finding]:
+def _about_correction(data: Sequence[Dataset], read: float, true: float) -> list[Finding]:
     chains = sorted({_chain_text(record) for record in data})
     sentence = (
         f"{read:.4g} s was read; a motor of {true:.4g} s, simulated and measured in the same way "

@@ -53,18 +53,18 @@ def of_known_errors(structure: Structure, records: Sequence[WeightedRecord], bre
         shift[each.place, own] = (each.jacobian * each.weight[:, None]).T @ errors
     moved = bread @ shift
     # E⊥'wE⊥ is multiplied out: E⊥ itself has a column in each record for the errors of all the others.
-    told, said = np.eye(count), np.zeros(count)
+    information, score = np.eye(count), np.zeros(count)
     for each, errors, own in zip(records, columns, each_own, strict=True):
         part, weighed = moved[each.place], each.weight[:, None]
-        told += part.T @ ((each.jacobian * weighed).T @ each.jacobian) @ part
+        information += part.T @ ((each.jacobian * weighed).T @ each.jacobian) @ part
         crossed = shift[each.place, own].T @ part
-        told[own] -= crossed
-        told[:, own] -= crossed.T
-        told[own, own] += (errors * weighed).T @ errors
-        said -= part.T @ (each.jacobian.T @ each.score)
-        said[own] += errors.T @ each.score
-    mean = moved @ np.linalg.solve(told, said)
-    return np.asarray(moved @ np.linalg.solve(told, moved.T) + np.outer(mean, mean), dtype=np.float64)
+        information[own] -= crossed
+        information[:, own] -= crossed.T
+        information[own, own] += (errors * weighed).T @ errors
+        score -= part.T @ (each.jacobian.T @ each.score)
+        score[own] += errors.T @ each.score
+    mean = moved @ np.linalg.solve(information, score)
+    return np.asarray(moved @ np.linalg.solve(information, moved.T) + np.outer(mean, mean), dtype=np.float64)
 
 
 def _of_samples(errors: Array, used: NDArray[np.bool_]) -> Array:

@@ -273,10 +273,10 @@ def _without_value(results: Sequence[Result]) -> list[Finding]:
 def _findings(
     found: Sequence[Scatter], why: Sequence[Cause], follows: Sequence[Trend], data: Sequence[Dataset]
 ) -> list[Finding]:
-    told = [_about(each, len(data)) for each in found if each.differs]
+    findings = [_about(each, len(data)) for each in found if each.differs]
     repeated = _repeats(data)
-    if not told and not repeated:
-        told.append(
+    if not findings and not repeated:
+        findings.append(
             info(
                 "runs-agree",
                 f"The {len(data)} runs differ no more than their intervals predict: there is no sign that the "
@@ -284,14 +284,14 @@ def _findings(
             )
         )
     if len(data) < _FEW:
-        told.append(
+        findings.append(
             info(
                 "few-runs",
                 f"{len(data)} runs are few: scatter twice as large as stated could go unseen. Record ten.",
             )
         )
     if len(repeated) == len(data) - 1:
-        told.append(
+        findings.append(
             warning(
                 "runs-identical",
                 "All runs are identical to the last count, so they can't show how a motor varies from run to run. "
@@ -300,7 +300,7 @@ def _findings(
             )
         )
     elif repeated:
-        told.append(
+        findings.append(
             warning(
                 "runs-repeated",
                 f"Some runs are identical to another one to the last count: {', '.join(repeated)}. They add nothing "
@@ -308,8 +308,8 @@ def _findings(
             )
         )
     if any(each.differs for each in found):
-        told += _reasons(why, follows)
-    return told
+        findings += _reasons(why, follows)
+    return findings
 
 
 def _repeats(data: Sequence[Dataset]) -> list[str]:
@@ -349,10 +349,10 @@ def _about(each: Scatter, runs: int) -> Finding:
 
 def _reasons(why: Sequence[Cause], follows: Sequence[Trend]) -> list[Finding]:
     """The findings on the reason of the runs' differences."""
-    told = []
+    findings = []
     for trend in follows:
         sense = {1: "rises", -1: "falls", 0: "changes"}[trend.sense]
-        told.append(
+        findings.append(
             info(
                 "runs-follow",
                 f"The {parameter_in_words(trend.parameter)} {sense} with {trend.follows} (by chance once in {1 / trend.p:.0f}).",
@@ -360,14 +360,14 @@ def _reasons(why: Sequence[Cause], follows: Sequence[Trend]) -> list[Finding]:
             )
         )
     if not why:
-        told.append(
+        findings.append(
             info(
                 "cause-unknown",
                 "No single cause explains the differences between the runs: several things changed, or something "
                 "the model leaves out. Repeat the experiment with nothing touched, then change one thing at a time.",
             )
         )
-        return told
+        return findings
     best = why[0]
     sentence = f"Explanation: {best.sentence} ({100 * best.share:.0f} % of the scatter)."
     if best.name == "resistance" and any(trend.follows == "the number of the run" for trend in follows):
@@ -377,5 +377,5 @@ def _reasons(why: Sequence[Cause], follows: Sequence[Trend]) -> list[Finding]:
         )
     if len(why) > 1:
         sentence += f" These fit as well: {', '.join(cause.name for cause in why[1:])}."
-    told.append(info("cause-of-scatter", sentence))
-    return told
+    findings.append(info("cause-of-scatter", sentence))
+    return findings

@@ -209,12 +209,12 @@ def _slopes(joint: Observation, motor: dict[str, float]) -> Array:
 
 def _about(solution: _Solution, fit: Fit, joint: Observation) -> list[Finding]:
     findings = []
-    told = [name for name in solution.motor if solution.is_determined(name)]
-    if told:
+    determined = [name for name in solution.motor if solution.is_determined(name)]
+    if determined:
         sentence = (
-            f"{_first_upper(_list_text(told))} come from the model and {joint.sentence or 'the shaft'}."
+            f"{_first_upper(_list_text(determined))} come from the model and {joint.sentence or 'the shaft'}."
         )
-        findings.append(info("motor-parameters-told", sentence, parameters=tuple(told)))
+        findings.append(info("motor-parameters-told", sentence, parameters=tuple(determined)))
     undetermined = [name for name in solution.motor if not solution.determined[name]]
     vague = [
         name for name in solution.motor if solution.determined[name] and not solution.is_determined(name)
@@ -223,13 +223,13 @@ def _about(solution: _Solution, fit: Fit, joint: Observation) -> list[Finding]:
         findings.append(_open(undetermined, fit))
     if vague:
         findings.append(_vague(vague, solution))
-    if "viscous_friction" in told:
+    if "viscous_friction" in determined:
         findings += _near_zero(solution)
-    if "motor_constant" in told:
+    if "motor_constant" in determined:
         findings += _beyond_back_emf(solution, fit, joint)
     if solution.spare > 0 and solution.misfit > _CONFLICT + 2.0 * (solution.spare - 1):
         findings.append(_disagree(joint))
-    if "coulomb_torque" in told and "one_way" in fit.structure:
+    if "coulomb_torque" in determined and "one_way" in fit.structure:
         findings.append(_with_offset())
     return findings
 

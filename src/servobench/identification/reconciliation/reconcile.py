@@ -34,7 +34,7 @@ from servobench.identification.reconciliation.questions import (
 )
 from servobench.identification.reconciliation.readings import Reading
 from servobench.identification.reconciliation.reenactment import check_method
-from servobench.identification.reconciliation.sentences import differences_told, likeliest, sentences
+from servobench.identification.reconciliation.sentences import difference_sentences, likeliest, sentences
 from servobench.identification.result import Result
 from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 
@@ -59,23 +59,23 @@ def explain(
     """
     check_method(method)
     motor = nominal_motor(nominal)
-    told = _claims(claims, result)
-    if not told and motor is None:
+    stated = _claims(claims, result)
+    if not stated and motor is None:
         raise UsageError("nothing to explain: name a claim, such as tau=0.13, or a data sheet")
     if result.fit is None or result.verdict is Verdict.REFUSED:
         refusals = [each.sentence for each in result.findings if each.severity == "refusal"]
         return Explanation(
             verdict=result.verdict,
             findings=result.findings,
-            origin="claim" if told else "data sheet",
+            origin="claim" if stated else "data sheet",
             sentences=("These data can't support a model to compare the figure with.", *refusals),
         )  # fmt: skip
-    if not told:
+    if not stated:
         return _explain(about_sheet(result.fit, _require_parameters(motor)), result)
-    known = tuple(claim for claim in told if _can_be_judged(claim, result.fit))
+    known = tuple(claim for claim in stated if _can_be_judged(claim, result.fit))
     unknown = {
         claim: unknown_clause(result.answers[claim.name], result.combinations)
-        for claim in told
+        for claim in stated
         if claim not in known
     }
     if not known:
@@ -118,15 +118,17 @@ def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
     if not all(name in fit.model.names and is_known(fit[name]) for name in ("gain", "time_constant")):
         return []
     question = about_sheet(fit, parameters)
-    told = " ".join(differences_told(_differences(question), question))
+    difference_text = " ".join(difference_sentences(_differences(question), question))
     if chance_is_enough(question):
-        return [info("nominal-agrees", told, parameters=("gain", "time_constant"))]
+        return [info("nominal-agrees", difference_text, parameters=("gain", "time_constant"))]
     causes, hypotheses = _weigh(question)
     explained = likeliest(question, causes, hypotheses, _alike(causes[0], hypotheses))
     first = causes[0]
     found = warning if first.name == "encoder_scale" and first.probability > 0.5 else info
     return [
-        found("nominal-differs", " ".join((told, *explained)), parameters=("gain", "time_constant")),
+        found(
+            "nominal-differs", " ".join((difference_text, *explained)), parameters=("gain", "time_constant")
+        ),
         info("deciding-experiment", _decisive(causes, hypotheses), parameters=("gain", "time_constant")),
     ]
 
@@ -155,9 +157,9 @@ def _explain(question: Question, result: Result) -> Explanation:
     differences = _differences(question)
     agrees = chance_is_enough(question)
     alike = _alike(causes[0], hypotheses)
-    told = differences_told(differences, question)
+    lines = difference_sentences(differences, question)
     if not agrees:
-        told += sentences(question, causes, hypotheses, alike)
+        lines += sentences(question, causes, hypotheses, alike)
     return Explanation(
         verdict=result.verdict,
         findings=result.findings,
@@ -170,7 +172,7 @@ def _explain(question: Question, result: Result) -> Explanation:
         hypotheses=hypotheses,
         alike=() if agrees else alike,
         decision=causes[0].decision if causes[0].possible and not agrees else None,
-        sentences=tuple(told) if agrees else (*told, _decisive(causes, hypotheses)),
+        sentences=tuple(lines) if agrees else (*lines, _decisive(causes, hypotheses)),
     )
 
 

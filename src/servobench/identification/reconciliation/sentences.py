@@ -26,10 +26,10 @@ _NOTHING = 0.005  # of a difference: a part that is rounded to none
 _MANY_TIMES = 2.0  # of a difference: beyond that, the end of an interval says only that it isn't known
 
 
-def differences_told(differences: Sequence[Difference], question: Question) -> list[str]:
+def difference_sentences(differences: Sequence[Difference], question: Question) -> list[str]:
     """Return a sentence for each figure: what the data say, what the other side says, and how far apart the two are."""
     other = "the claim is" if question.origin == "claim" else "the data sheet says"
-    told = []
+    lines = []
     for n, each in enumerate(differences):
         name = parameter_in_words(each.name)
         data = round_value(each.data, each.data_half, each.unit)
@@ -45,8 +45,8 @@ def differences_told(differences: Sequence[Difference], question: Question) -> l
             more = f"{with_unit(abs(each.other - each.data), each.unit, 3)} or {plain(100 * abs(each.ratio - 1), 2)} % {over}"
         elif apart:
             more = f"{with_unit(abs(each.other - each.data), each.unit, 3)} {'more' if each.other > each.data else 'less'}"
-        told.append(f"The {name} from the data is {data}; {other} {against}, {more}.")
-    return told
+        lines.append(f"The {name} from the data is {data}; {other} {against}, {more}.")
+    return lines
 
 
 def sentences(
@@ -56,18 +56,18 @@ def sentences(
     first = causes[0]
     other = next(each.probability for each in hypotheses if each.causes == (SOMETHING_ELSE,))
     if other > _LIKELY:
-        told = [
+        lines = [
             "None of the causes considered here explains it well: something else is likely "
-            f"({probability_told(other)})."
+            f"({probability_text(other)})."
         ]
     else:
-        told = likeliest(question, causes, hypotheses, alike)
+        lines = likeliest(question, causes, hypotheses, alike)
         if first.possible and first.name in _OF_THE_READING and question.origin == "claim":
-            told += _if_the_motor(causes)
+            lines += _if_the_motor(causes)
     ruled_out = [each for each in causes if not each.possible]
     if ruled_out:
-        told.append(f"It isn't {_or([f'{each.label} ({each.against})' for each in ruled_out])}.")
-    return told  # fmt: skip
+        lines.append(f"It isn't {_or([f'{each.label} ({each.against})' for each in ruled_out])}.")
+    return lines  # fmt: skip
 
 
 _OPEN = ("above ", "below ")  # an end that is beyond what was examined
@@ -103,7 +103,7 @@ def _first(question: Question, first: JudgedCause) -> str:
         how = "off simulated steps of such a motor" if reading.simulated else "off these data"
         behind = reading.chain if reading.chain == AS_RECORDED else f"behind `{reading.chain}`"
         read = f"{SPOKEN[method]}, read {how} {behind}, gives {with_unit(reading.time_constant, 's')}"
-        probable = probability_told(first.probability)
+        probable = probability_text(first.probability)
         return (
             f"The most likely cause is the lag of the measurement ({probable}): {read}, so the lag explains "
             f"{_shares(first.explains)}."
@@ -115,7 +115,7 @@ def _first(question: Question, first: JudgedCause) -> str:
     if first.likely is not None and any(map(_has_finite_interval, first.explains)):
         likely = f" At a usual size, {first.likely.text}, it explains {_shares(first.explains)}."
     return (
-        f"The most likely cause is {first.label} ({probability_told(first.probability)}). "
+        f"The most likely cause is {first.label} ({probability_text(first.probability)}). "
         f"{first.law}{needed}{likely}"
     )
 
@@ -126,7 +126,7 @@ def _rest(question: Question, first: JudgedCause, hypotheses: Sequence[Hypothesi
     if not isinstance(sizes, Sizes) or len(sizes.values) != 1 or first.likely is None:
         return []
     effect = CAUSES[first.name].effect(question, first.likely.value)
-    told = []
+    lines = []
     for n, name in enumerate(question.names):
         if name == "delay":
             continue
@@ -137,13 +137,13 @@ def _rest(question: Question, first: JudgedCause, hypotheses: Sequence[Hypothesi
         sd = math.hypot(float(question.sd[n]), scatter)
         if abs(left) <= TWO_SIDED * sd:
             eye = " and a reading by eye" if scatter else ""
-            told.append(f"The remaining {amount} are within the claim's rounding{eye}.")
+            lines.append(f"The remaining {amount} are within the claim's rounding{eye}.")
         else:
             besides = _besides(first, hypotheses)
-            told.append(
+            lines.append(
                 f"The remaining {amount} of the {parameter_in_words(name)} need another cause{besides}."
             )
-    return told
+    return lines
 
 
 def _besides(first: JudgedCause, hypotheses: Sequence[Hypothesis]) -> str:
@@ -179,7 +179,7 @@ def _has_finite_interval(share: Share) -> bool:
 
 def _shares(shares: Sequence[Share]) -> str:
     """`76 % (65 to 91 %) of the difference in the time constant`, for each figure that it may explain a part of."""
-    told = []
+    lines = []
     for share in shares:
         if not _has_finite_interval(share) or share.name == "delay" or abs(share.value) < 0.005:
             continue
@@ -187,8 +187,8 @@ def _shares(shares: Sequence[Share]) -> str:
         if part == _percent(share.value):
             low, high = (100 * end for end in share.interval)
             part += f" ({low:.0f} to {high:.0f} %)"
-        told.append(f"{part} of the difference in the {parameter_in_words(share.name)}")
-    return " and ".join(told) or "no part that can be told"
+        lines.append(f"{part} of the difference in the {parameter_in_words(share.name)}")
+    return " and ".join(lines) or "no part that can be told"
 
 
 def share_text(share: Share) -> str:
@@ -209,7 +209,7 @@ def _percent(part: float) -> str:
     return f"{100 * part:.0f} %" if abs(part) >= _NOTHING else "0 %"
 
 
-def probability_told(probability: float) -> str:
+def probability_text(probability: float) -> str:
     """Return a probability in per cent, without more certainty than there is."""
     if probability > 0.995:
         return "above 99 %"

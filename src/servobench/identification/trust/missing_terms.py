@@ -199,15 +199,19 @@ def beside_torque(shown: Sequence[TermScore]) -> tuple[TermScore, ...]:
     What a torque does to a position looks like many a term, as long as nothing filters it out. Where it explains the residual, a
     term has to show beside it as plainly as by itself; where it doesn't, a hint is enough.
     """
-    asked = [one for one in shown if one.size > one.term.limit]
-    test = disturbance_test(asked[0].fit) if asked and asked[0].fit.disturbance is None else None
+    significant = [one for one in shown if one.size > one.term.limit]
+    test = (
+        disturbance_test(significant[0].fit)
+        if significant and significant[0].fit.disturbance is None
+        else None
+    )
     if test is None or test.likelihood_ratio <= THRESHOLD:
         return tuple(shown)
-    fit, data = asked[0].fit, [record.data for record in asked[0].fit.records]
+    fit, data = significant[0].fit, [record.data for record in significant[0].fit.records]
     records, torque = with_innovations(fit.model.structure, data, fit.vector, test.disturbance)
     filtered = replace(fit, records=records, disturbance=torque, residual_sd=float(np.sqrt(torque.variance)))
     explained = explains_the_colour(filtered)
-    again = ScoreTest(filtered, asked[0].largest).scores([one.term for one in asked])
+    again = ScoreTest(filtered, significant[0].largest).scores([one.term for one in significant])
     made_up = {each.term for each in again if each.size <= (each.term.limit if explained else ASKED)}
     return tuple(one for one in shown if one.term not in made_up)
 
@@ -218,15 +222,15 @@ def missing_terms(shown: Sequence[TermScore]) -> list[Finding]:
     What looks like a term because a stronger one is lacking is only named with that one, unless it is as likely as the strongest
     but for chance.
     """
-    told: dict[str, TermScore] = {}
+    reported: dict[str, TermScore] = {}
     alike: dict[str, list[str]] = {}
     for one in sorted(_strongest(shown).values(), key=lambda each: -each.size):
-        as_likely = not told or one.size**2 > next(iter(told.values())).size ** 2 - _AS_LIKELY
-        if as_likely or size_beside(one, tuple(told.values())) > one.term.limit:
-            told[one.term.code] = one
+        as_likely = not reported or one.size**2 > next(iter(reported.values())).size ** 2 - _AS_LIKELY
+        if as_likely or size_beside(one, tuple(reported.values())) > one.term.limit:
+            reported[one.term.code] = one
         else:
-            alike.setdefault(next(iter(told)), []).append(one.term.name)
-    return [_finding(code, one, alike.get(code, ())) for code, one in told.items()]
+            alike.setdefault(next(iter(reported)), []).append(one.term.name)
+    return [_finding(code, one, alike.get(code, ())) for code, one in reported.items()]
 
 
 def with_missing_terms(fit: Fit, shown: Sequence[TermScore]) -> Fit:
@@ -283,8 +287,8 @@ def _finding(code: str, shown: TermScore, alike: Sequence[str]) -> Finding:
     concerned = ("gain", "time_constant")
     data = [record.data for record in shown.fit.records]
     if any(each.kind == "speed" and not each.chain and not each.chain_known for each in data):
-        told = f"{sentence} All of that may come from a filter: say first how the speed was measured."
-        return info(code, told, parameters=concerned)
+        hedged = f"{sentence} All of that may come from a filter: say first how the speed was measured."
+        return info(code, hedged, parameters=concerned)
     if not {"gain", "time_constant"} <= set(shown.fit.model.names):
         return warning(code, sentence, parameters=concerned)
     return info(code, f"{sentence} The intervals allow for that.", parameters=concerned)
@@ -302,9 +306,9 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
     unsure = [name for name in names if not 2 * fit[name].sd < abs(fit[name].value)]
     found = []
     if unsure:
-        told = ", ".join(f"{n} ({fit[n].value:.3g} ± {TWO_SIDED * fit[n].sd:.2g})" for n in unsure)
+        unsure_text = ", ".join(f"{n} ({fit[n].value:.3g} ± {TWO_SIDED * fit[n].sd:.2g})" for n in unsure)
         sentence = (
-            f"These coefficients aren't significantly different from zero: {told}. The order is "
+            f"These coefficients aren't significantly different from zero: {unsure_text}. The order is "
             "higher than the data support, which makes the others less certain: try "
             f"{_lower(structure)}."
         )

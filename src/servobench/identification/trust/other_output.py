@@ -27,9 +27,9 @@ def with_other_output(result: Result, recordings: Sequence[Recording]) -> Result
     speed = _speed_beside_position(recordings) if refused else None
     if speed is None:
         return result
-    told = f" The speed `{speed}` was recorded, too: try `output={speed}`."
+    hint = f" The speed `{speed}` was recorded, too: try `output={speed}`."
     findings = tuple(
-        replace(each, sentence=each.sentence + told) if each in refused else each for each in result.findings
+        replace(each, sentence=each.sentence + hint) if each in refused else each for each in result.findings
     )
     return replace(result, findings=findings)
 

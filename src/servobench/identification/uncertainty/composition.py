@@ -12,7 +12,7 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.uncertainty.identifiability import ParameterStatus, State
 
 MEASUREMENT = "measurement and disturbance"
-_COUNTS = 1e-4  # of a variance: what is less isn't told
+_COUNTS = 1e-4  # of a variance: what is less isn't reported
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,15 +60,15 @@ def parts_of(budget: Sequence[BudgetLine], answer: ParameterStatus | None) -> li
 def _line(
     fit: Fit, source: str, part: np.ndarray, whole: np.ndarray, freedom: float, reason: str
 ) -> BudgetLine:
-    told = {
+    parts = {
         name: n
         for n, name in enumerate(fit.model.names)
         if np.isfinite(whole[n]) and part[n] > _COUNTS * whole[n]
     }
     return BudgetLine(
         source=source,
-        shares={name: float(part[n] / whole[n]) for name, n in told.items()},
-        half_widths={name: TWO_SIDED * float(np.sqrt(part[n])) for name, n in told.items()},
+        shares={name: float(part[n] / whole[n]) for name, n in parts.items()},
+        half_widths={name: TWO_SIDED * float(np.sqrt(part[n])) for name, n in parts.items()},
         freedom=freedom,
         reason=reason,
     )

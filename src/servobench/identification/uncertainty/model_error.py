@@ -94,16 +94,16 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     variance = float(e @ e) / freedom
     # In coordinates q = Rθ, in which white noise is round.
     root = root_of_covariance(fit, jacobian, scale, variance)
-    told = j @ root
-    of_scores = _long_run_on_the_clock(told, e)
+    whitened = j @ root
+    of_scores = _long_run_on_the_clock(whitened, e)
     white, coloured = variance * root @ root.T, root @ of_scores @ root.T
     shared = len(names)
-    directions, asked = _directions(fit, scale)
+    directions, parameters = _directions(fit, scale)
     of_white, of_coloured = (
         np.sqrt(np.maximum(np.einsum("gi,ij,gj->g", directions, each[:shared, :shared], directions), 0.0))
         for each in (white, coloured)
     )
-    influence = told @ root[:shared].T @ directions.T
+    influence = whitened @ root[:shared].T @ directions.T
     rounded = (
         by_rounding(fit, influence)
         if float(np.max(of_coloured / of_white, initial=0.0)) > _EVIDENT[False][0]
@@ -113,17 +113,19 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     positive = of_white > 0
     ratio = float(np.max(of_coloured[positive] / of_chance[positive], initial=0.0))
     starts = _stretches(fit)
-    events = dict(zip(asked, _events(starts, influence), strict=True))
+    events = dict(zip(parameters, _events(starts, influence), strict=True))
     known = {name: ONE_LEVEL if one_level else _experience(count) for name, count in events.items()}
-    shares = dict.fromkeys(asked, _evident(fit, ratio, min(events.values())))
+    shares = dict.fromkeys(parameters, _evident(fit, ratio, min(events.values())))
     # Friction shows at a few places of most records; a single event is one of gain or lag.
     if one_level or min(events["lag"], events["gain"]) < _ONE:
-        for n in (n for n, name in enumerate(asked) if events[name] < _ONE):
+        for n in (n for n, name in enumerate(parameters) if events[name] < _ONE):
             along = root[:shared].T @ directions[n]
-            off = np.inf if one_level else _by_the_others(fit, told, e, starts, influence[:, n], along)
+            off = np.inf if one_level else _by_the_others(fit, whitened, e, starts, influence[:, n], along)
             wider = _sd(fit, directions[n] / scale[:shared]) / of_white[n]
-            most = _floor(fit, asked[n], known[asked[n]])
-            shares[asked[n]] = max(shares[asked[n]], min(1.0, max(wider, 1.0) * off / most) if most else 1.0)
+            most = _floor(fit, parameters[n], known[parameters[n]])
+            shares[parameters[n]] = max(
+                shares[parameters[n]], min(1.0, max(wider, 1.0) * off / most) if most else 1.0
+            )
     factors = {name: each.factor for name, each in known.items()}
     units = np.outer(scale[:shared], scale[:shared])
     more = beyond(fixed_b(_LAGS / _BINS) ** 2 * of_scores, variance * np.eye(len(of_scores)))
@@ -204,8 +206,8 @@ def _directions(fit: Fit, scale: Array) -> tuple[Array, list[str]]:
         if name in names:
             lag[names.index(name)] = scale[names.index(name)]
     each = np.diag(scale[: len(names)])
-    asked = [name for name in names if name == "gain" or name.startswith("coulomb_voltage")]
-    return np.array([lag, *(each[names.index(name)] for name in asked)]), ["lag", *asked]
+    parameters = [name for name in names if name == "gain" or name.startswith("coulomb_voltage")]
+    return np.array([lag, *(each[names.index(name)] for name in parameters)]), ["lag", *parameters]
 
 
 def _long_run_on_the_clock(j: Array, e: Array) -> Array:
@@ -235,7 +237,7 @@ def _events(starts: NDArray[np.int64], influence: Array) -> list[float]:
 
 
 def _by_the_others(
-    fit: Fit, told: Array, e: Array, starts: NDArray[np.int64], influence: Array, direction: Array
+    fit: Fit, whitened: Array, e: Array, starts: NDArray[np.int64], influence: Array, direction: Array
 ) -> float:
     """The error of a parameter shown by the record without the stretch with the most influence, in e's deviations.
 
@@ -245,11 +247,11 @@ def _by_the_others(
     """
     first = int(np.argmax(np.add.reduceat(influence**2, starts)))
     begin, end = int(starts[first]), int([*starts[1:], len(e)][first])
-    left = told[begin:end]
+    left = whitened[begin:end]
     free = _free_from(fit, end)
-    shared = free.T @ told
+    shared = free.T @ whitened
     inverse = np.linalg.pinv(free.T @ free, hermitian=True)
-    information = np.eye(told.shape[1]) - left.T @ left - shared.T @ inverse @ shared
+    information = np.eye(whitened.shape[1]) - left.T @ left - shared.T @ inverse @ shared
     score = -left.T @ e[begin:end] - shared.T @ inverse @ (free.T @ e)
     values, vectors = np.linalg.eigh(information)
     along = vectors.T @ direction

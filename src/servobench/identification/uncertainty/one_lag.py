@@ -73,6 +73,8 @@ def _likelihood(rest: Array, innovations: Array, powers: Array) -> Array:
     power = float(whole @ whole)
     score = (whole * innovations)[:, None]
     colour = max(1.0, float(long_run(score, andrews_lag(score))[0, 0]) / power) if power > 0 else 1.0
-    told = innovations @ rest @ powers - 0.5 * np.einsum("is,ij,js->s", powers, rest.T @ rest, powers)
-    weights = np.exp((told - told.max()) / colour)
+    log_likelihood = innovations @ rest @ powers - 0.5 * np.einsum(
+        "is,ij,js->s", powers, rest.T @ rest, powers
+    )
+    weights = np.exp((log_likelihood - log_likelihood.max()) / colour)
     return np.asarray(weights / weights.sum(), dtype=np.float64)

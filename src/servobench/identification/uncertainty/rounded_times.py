@@ -45,11 +45,11 @@ def with_rounded_times(fit: Fit) -> Fit:
         return fit
     found = _covariance(fit, steps)
     own = np.diag(fit.covariance)
-    told = np.isfinite(own) & (own > 0)
-    if not np.any(np.diag(found)[told] > _WORTH_A_LINE**2 * own[told]):
+    usable = np.isfinite(own) & (own > 0)
+    if not np.any(np.diag(found)[usable] > _WORTH_A_LINE**2 * own[usable]):
         return fit
-    found[~told, :] = 0.0
-    found[:, ~told] = 0.0
+    found[~usable, :] = 0.0
+    found[:, ~usable] = 0.0
     reason = f"the times at which the input changed are rounded to {max(steps) * 1e6:.4g} µs"
     return fit.widen(Contribution(source="rounded times", covariance=found, reason=reason, freedom=_DRAWS))
 

@@ -146,11 +146,11 @@ class ScoreTest:
         rest = self.basis @ (self.basis.T @ columns)
         np.subtract(columns, rest, out=rest)
         # What is left of a column that the Jacobian explains is rounding error.
-        told = np.isfinite(norms) & (_lengths(rest) > 1e-6 * norms)
-        rest /= np.where(told, norms, 1.0)
+        independent = np.isfinite(norms) & (_lengths(rest) > 1e-6 * norms)
+        rest /= np.where(independent, norms, 1.0)
         total, power = self.innovations @ rest, rest.T @ rest
         for n, term in enumerate(terms):
-            at = np.flatnonzero(told & (added[0][1] == n))
+            at = np.flatnonzero(independent & (added[0][1] == n))
             white = _normal_equivalent(total[at], power[at[:, None], at]) if len(at) else 0.0
             plain = TermScore(term=term, size=white, fit=self.fit, largest=self.runs[0].largest)
             yield (
@@ -213,11 +213,11 @@ def size_beside(shown: TermScore, others: Sequence[TermScore]) -> float:
         return shown.size
     basis, _ = np.linalg.qr(np.hstack(beside))
     rest = shown.columns - basis @ (basis.T @ shown.columns)
-    told = _lengths(rest) > 1e-6 * _lengths(shown.columns)
-    if not told.any():
+    independent = _lengths(rest) > 1e-6 * _lengths(shown.columns)
+    if not independent.any():
         return 0.0
     innovations = np.concatenate([record.innovations[record.valid] for record in shown.fit.records])
-    return min(_size_of(shown.fit, innovations, rest[:, told])[0], shown.size)
+    return min(_size_of(shown.fit, innovations, rest[:, independent])[0], shown.size)
 
 
 def _size_of(fit: Fit, innovations: Array, rest: Array) -> tuple[float, Array]:

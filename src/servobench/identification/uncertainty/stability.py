@@ -143,19 +143,19 @@ def _sentence(
     unknown: str,
 ) -> str:
     if everywhere:
-        said = (
+        sentence = (
             f"Over the 95 % intervals {what} is {verdict} everywhere: with each parameter at either end of its interval, in all "
             f"{corners} combinations, and for {drawn} sets of parameters drawn at random from what the fit leaves open."
         )
     else:
-        said = (
+        sentence = (
             f"At the estimate {what} is {verdict}, but the data leave it open: {percent(100 * share)} % of {drawn} sets of "
             f"parameters drawn at random from the fit say so, and {alike} of the {corners} combinations of the ends of their "
             "95 % intervals."
         )
     if unknown:
-        said += f" Left where they are, as the data don't determine them: {unknown}."
-    return said
+        sentence += f" Left where they are, as the data don't determine them: {unknown}."
+    return sentence
 
 
 def _list(fit: Fit, names: Sequence[str]) -> str:

@@ -28,15 +28,15 @@ def about_answers(
 
     `fit` is what the answers are of.
     """
-    asked = [answers[name] for name in _ASKED_FOR if name in answers]
-    lacking = [each for each in asked if each.state is not State.KNOWN]
-    if asked and not combinations and all(each.state is State.UNKNOWN for each in asked):
-        return [_nothing(asked, fit)]
-    told = [
+    principal = [answers[name] for name in _ASKED_FOR if name in answers]
+    lacking = [each for each in principal if each.state is not State.KNOWN]
+    if principal and not combinations and all(each.state is State.UNKNOWN for each in principal):
+        return [_nothing(principal, fit)]
+    together = [
         _together(each, answers) for each in combinations if any(p.name in each.parameters for p in lacking)
     ]
     alone = [_alone(each) for each in lacking if each.state in (State.BOUNDED, State.UNKNOWN)]
-    return told + alone
+    return together + alone
 
 
 def _together(known: Combination, answers: Mapping[str, ParameterStatus]) -> Finding:
@@ -56,27 +56,27 @@ def _alone(answer: ParameterStatus) -> Finding:
     return info("parameter-unknown", f"{sentence}; {answer.remedy} would.", parameters=(answer.name,))
 
 
-def _nothing(asked: Sequence[ParameterStatus], fit: Fit) -> Finding:
-    names = " nor the ".join(parameter_in_words(answer.name, answer.estimate.unit) for answer in asked)
-    if not may_be_zero(asked[0]):
-        advice = f"record {asked[0].remedy}"
+def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:
+    names = " nor the ".join(parameter_in_words(answer.name, answer.estimate.unit) for answer in principal)
+    if not may_be_zero(principal[0]):
+        advice = f"record {principal[0].remedy}"
     elif fit.fit_percent > _FOLLOWS:
-        advice = _any_gain(asked[0], fit)
+        advice = _any_gain(principal[0], fit)
     else:
         advice = (
             "the output shows nothing of the input. Check that these two columns belong to one motor, or record a larger "
             "input"
         )
     sentence = f"The data determine neither the {names} nor any combination of them: {advice}."
-    return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in asked))
+    return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in principal))
 
 
 def _any_gain(gain: ParameterStatus, fit: Fit) -> str:
     """The reason why a gain stays open although the output follows the input."""
-    told = rounded_interval(gain.estimate.value, gain.estimate.interval, gain.estimate.unit)
+    rounded = rounded_interval(gain.estimate.value, gain.estimate.interval, gain.estimate.unit)
     widest = max(composition(fit), key=lambda line: line.half_widths.get(gain.name, 0.0))
     return (
-        f"this model explains {fit.fit_percent:.0f} % of the output, but allows any gain from {told.low} to {told.high} "
-        f"{told.unit} (the largest part of that: {widest.source}). Record steps between several levels in open loop, each until "
-        "the speed settles"
+        f"this model explains {fit.fit_percent:.0f} % of the output, but allows any gain from {rounded.low} to {rounded.high} "
+        f"{rounded.unit} (the largest part of that: {widest.source}). Record steps between several levels in open loop, each "
+        "until the speed settles"
     )

@@ -23,5 +23,5 @@ def at_most(value: float, interval: tuple[float, float], unit: str) -> str:
     Where the value is at that end, those of the whole interval.
     """
     low, high = interval
-    told = rounded_interval(value, (2.0 * value - high if high > value else low, high), unit)
-    return f"at most {told.high} {told.unit}".rstrip()
+    rounded = rounded_interval(value, (2.0 * value - high if high > value else low, high), unit)
+    return f"at most {rounded.high} {rounded.unit}".rstrip()

@@ -76,8 +76,8 @@ def choose(
         if len(candidates) != 1:
             return _which(recording, role, [each.name for each in candidates], taken)
         series, findings, symbol = recording[candidates[0].name], [candidates[0].finding], candidates[0].unit
-    name, said = series.channel.name, series.channel.unit
-    symbol = symbol or said
+    name, unit_text = series.channel.name, series.channel.unit
+    symbol = symbol or unit_text
     if role in _MEANING and _holds_the_times(series):
         raise UsageError(
             f"{recording.name}: `{name}` holds the times; the {role} is {_MEANING[role]}: say `{role}=COL:UNIT` with "
@@ -101,9 +101,9 @@ def choose(
     if (scale := full_scale(symbol)) is not None:
         return _duty_of_counts(recording, role, series, scale, findings)
     _check_unit(recording, role, series, symbol)
-    if said not in (None, symbol) and not _is_the_same(said, symbol):
+    if unit_text not in (None, symbol) and not _is_the_same(unit_text, symbol):
         findings.append(
-            info("unit-overridden", f"`{name}` is read in {symbol} instead of {said}, as requested.")
+            info("unit-overridden", f"`{name}` is read in {symbol} instead of {unit_text}, as requested.")
         )
     return Choice(series=_in_unit(series, symbol), findings=tuple(findings))
 

@@ -76,15 +76,15 @@ class Description:
         return f"<Description {self.name}: {channels}; {len(self.missing)} to be said>"
 
 
-def describe(recording: Recording, said: Mapping | None = None) -> Description:
+def describe(recording: Recording, mapping: Mapping | None = None) -> Description:
     """Return what is in a recording, with what was said of its columns."""
-    said = said or Mapping()
+    mapping = mapping or Mapping()
     different: list[Array] = []
     channels = tuple(_channel(series, _place(series.t, different)) for series in recording.series)
     missing: tuple[str, ...] = ()
     findings = recording.findings
     try:
-        findings = said.assign_to(recording).findings
+        findings = mapping.assign_to(recording).findings
     except MissingInformation as error:
         missing = error.missing
     except UsageError as error:
@@ -94,7 +94,7 @@ def describe(recording: Recording, said: Mapping | None = None) -> Description:
         source=recording.source,
         channels=channels,
         time_bases=tuple(time_base(t) for t in different),
-        mapping=_complete_mapping(recording).override_with(said),
+        mapping=_complete_mapping(recording).override_with(mapping),
         missing=missing,
         findings=findings,
     )
@@ -159,8 +159,8 @@ def _role_channel(recording: Recording, role: Role, known: str | None) -> str | 
 def _time_column(recording: Recording) -> str | None:
     """The channel that the times of the others come from, where it is one of the channels."""
     for series in recording.series:
-        said = heading(series.channel.name)
-        symbol = time_unit(replace(said, unit=series.channel.unit or said.unit))
+        label = heading(series.channel.name)
+        symbol = time_unit(replace(label, unit=series.channel.unit or label.unit))
         if series.t is not None and symbol is not None:
             return str(ColumnSpec(column=series.channel.name, unit=symbol))
     return None

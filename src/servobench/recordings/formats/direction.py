@@ -38,8 +38,8 @@ def with_sign(size: Series, direction: Series) -> tuple[Series, Finding]:
         minimum=None if size.channel.maximum is None else -size.channel.maximum,
     )
     low = "−1" if direction.values[np.isfinite(direction.values)].min() < 0 else "0"
-    told = f"`{size.channel.name}` is positive where `{direction.channel.name}` is 1, and negative where it is {low}."
-    return Series(channel=channel, values=size.values * signs, t=size.t), info("column-signed", told)
+    sentence = f"`{size.channel.name}` is positive where `{direction.channel.name}` is 1, and negative where it is {low}."
+    return Series(channel=channel, values=size.values * signs, t=size.t), info("column-signed", sentence)
 
 
 def missing_sign(recording: Recording, input: Series, output: Series) -> str:

@@ -111,8 +111,8 @@ def _recording(run: Sequence[Segment], name: str, source: Source, findings: Sequ
         )
         for k, each in enumerate(run[0].columns)
     ]  # fmt: skip
-    told = (*findings, *(each for segment in run for each in segment.findings))
-    return recording_of(columns, name=name, source=source, findings=dict.fromkeys(told))
+    all_findings = (*findings, *(each for segment in run for each in segment.findings))
+    return recording_of(columns, name=name, source=source, findings=dict.fromkeys(all_findings))
 
 
 def _about_runs(segments: Sequence[Segment], runs: Sequence[Sequence[Segment]]) -> list[Finding]:

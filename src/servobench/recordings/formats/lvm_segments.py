@@ -145,12 +145,12 @@ def _segment(
     labels, _ = distinct([cells[y] for _, y in places])
     columns, starts = [], []
     for c, label in enumerate(labels):
-        column, start, told = _column(
+        column, start, column_findings = _column(
             table[:, 2 * c], table[:, 2 * c + 1], _Header(header, c, file.decimal), label
         )
         columns.append(column)
         starts.append(start)
-        findings.extend(told)
+        findings.extend(column_findings)
     span = (int(rows[0]), int(rows[-1])) if len(rows) else (0, 0)
     kept = [k for k, column in enumerate(columns) if len(column.values)]
     known = [start for k in kept if (start := starts[k]) is not None]

@@ -167,8 +167,8 @@ def _choose_and_time(
     before = demote_unused(before, (each.channel.name for each in series.values()))
     about_roles = [finding for part in parts.values() for finding in part.findings]
     if "current" in with_times:
-        with_times["current"], told = _armature_current(recording, with_times["current"])
-        about_roles.append(told)
+        with_times["current"], about_current = _armature_current(recording, with_times["current"])
+        about_roles.append(about_current)
     return _Roles(series=with_times, findings=(*about_roles, *about_times)), before
 
 

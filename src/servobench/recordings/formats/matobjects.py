@@ -92,10 +92,10 @@ def objects(path: Path, names: Sequence[str]) -> Objects:
 
 def _load(path: Path, variables: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
     """The variables as mat-io reads them, and what it warns of."""
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         content = import_mat_io().load_from_mat(str(path), variable_names=list(variables))
-    return content, [" ".join(str(each.message).split())[:200] for each in told]
+    return content, [" ".join(str(each.message).split())[:200] for each in caught]
 
 
 def _contents(content: Mapping[str, Any], path: Path) -> tuple[list[Series], list[Column], list[str]]:
@@ -282,8 +282,8 @@ def _table(name: str, frame: Any) -> Iterator[Series | Column]:
         values = frame[key].to_numpy()
         if values.dtype.kind not in "biuf" or values.ndim != 1:
             continue
-        said = heading(str(key))
-        which = Heading(name=f"{name}.{said.name}", unit=said.unit, from_name=said.from_name)
+        label = heading(str(key))
+        which = Heading(name=f"{name}.{label.name}", unit=label.unit, from_name=label.from_name)
         values = np.ascontiguousarray(values, dtype=np.float64)
         if t is None:
             yield Column(heading=which, values=values)

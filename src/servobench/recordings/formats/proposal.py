@@ -30,16 +30,16 @@ class _Entry:
     """A key of the mapping: its purpose, and its value if known, otherwise values to choose from."""
 
     key: str
-    told: str
+    comment: str
     value: object = None
     choices: tuple[object, ...] = ()
 
     def lines(self) -> list[str]:
         """The entry as lines of TOML, the explanation before it."""
         if self.value is not None:
-            return [*_comment(self.told), f"{self.key} = {toml_value(self.value)}", ""]
+            return [*_comment(self.comment), f"{self.key} = {toml_value(self.value)}", ""]
         return [
-            *_comment(self.told),
+            *_comment(self.comment),
             *(f"# {self.key} = {toml_value(choice)}" for choice in self.choices),
             "",
         ]
@@ -117,7 +117,7 @@ def _entries(recording: Recording, description: Description) -> list[_Entry]:
 
 def _time(recording: Recording, known: str | None) -> list[_Entry]:
     if known is not None:
-        return [_Entry(key="time", told="The times of the samples.", value=known)]
+        return [_Entry(key="time", comment="The times of the samples.", value=known)]
     if any(series.t is not None for series in recording.series):
         question = (
             "The times come with the samples. If they are wrong, give a column with its unit, or the time "
@@ -127,10 +127,10 @@ def _time(recording: Recording, known: str | None) -> list[_Entry]:
         question = "No time column was recognised: name one, or give the time between samples."
     named = tuple(f"{name}:s" for name in _names(recording) if plain_name(name) in TIME_NAMES)
     return [
-        _Entry(key="time", told=question, choices=named or ("COL:s",)),
+        _Entry(key="time", comment=question, choices=named or ("COL:s",)),
         _Entry(
             key="sample_time",
-            told="Or, for evenly spaced samples, instead of a column:",
+            comment="Or, for evenly spaced samples, instead of a column:",
             choices=("20 ms",),
         ),
     ]
@@ -142,11 +142,11 @@ def _role(recording: Recording, role: Role, known: str | None) -> _Entry:
     if known is not None:
         unit = ColumnSpec.parse(known).unit or _unit(recording, known)
         if unit is not None:
-            return _Entry(key=role, told=f"{what}, in its unit ({how}).", value=known)
-        return _Entry(key=role, told=f"{what}: what is the unit of `{known}`?", choices=(f"{known}:UNIT",))
+            return _Entry(key=role, comment=f"{what}, in its unit ({how}).", value=known)
+        return _Entry(key=role, comment=f"{what}: what is the unit of `{known}`?", choices=(f"{known}:UNIT",))
     candidates = [each.name for each in recognise(recording, role)] or _channels_of(recording, _WANTED[role])
     choices = tuple(_column_text(recording, name) for name in candidates) or ("COL:UNIT",)
-    return _Entry(key=role, told=f"{what}, in its unit ({how}): which column is it?", choices=choices)
+    return _Entry(key=role, comment=f"{what}, in its unit ({how}): which column is it?", choices=choices)
 
 
 def _supply(recording: Recording) -> _Entry:
@@ -157,7 +157,7 @@ def _supply(recording: Recording) -> _Entry:
     )
     return _Entry(
         key="supply",
-        told=question,
+        comment=question,
         choices=tuple(_column_text(recording, name) for name in named) or ("12 V",),
     )
 
@@ -166,10 +166,10 @@ def _reference(recording: Recording) -> _Entry:
     named = [name for name in _names(recording) if plain_name(name) in REFERENCE_NAMES]
     question = "In a closed loop, the reference of the loop."
     if recording.reference is not None:
-        return _Entry(key="reference", told=question, value=_column_text(recording, recording.reference))
+        return _Entry(key="reference", comment=question, value=_column_text(recording, recording.reference))
     return _Entry(
         key="reference",
-        told=question,
+        comment=question,
         choices=tuple(_column_text(recording, name) for name in named) or ("COL:UNIT",),
     )
 
@@ -179,7 +179,7 @@ def _current(recording: Recording) -> _Entry:
     named = _channels_of(recording, {"current"})
     return _Entry(
         key="current",
-        told=question,
+        comment=question,
         choices=tuple(_column_text(recording, name) for name in named) or ("COL:A",),
     )
 
@@ -193,17 +193,21 @@ def _turn(recording: Recording, output: str | None) -> list[_Entry]:
     if known or (spec.unit or _unit(recording, output)) not in ("counts", "counts/s"):
         return []
     question = "How many counts make a turn of the shaft? Without an answer, the result is in counts."
-    return [_Entry(key="counts_per_rev", told=question, choices=(2048,))]
+    return [_Entry(key="counts_per_rev", comment=question, choices=(2048,))]
 
 
 def _chain(recording: Recording, output: str | None) -> _Entry:
     if recording.chain:
-        return _Entry(key="chain", told="What lies between the shaft and the output.", value=recording.chain)
+        return _Entry(
+            key="chain", comment="What lies between the shaft and the output.", value=recording.chain
+        )
     unit = (ColumnSpec.parse(output).unit or _unit(recording, output)) if output else None
     question = "What lies between the shaft and the output: stages, a device that `servobench chains` lists, or none."
     if quantity_of(unit) == "speed":
         question += " How was this speed measured? Without an answer, a filter's lag counts as the motor's."
-    return _Entry(key="chain", told=question, choices=("none", "derivative | lowpass 50 rad/s", "talon-srx"))
+    return _Entry(
+        key="chain", comment=question, choices=("none", "derivative | lowpass 50 rad/s", "talon-srx")
+    )
 
 
 def _names(recording: Recording) -> list[str]:

@@ -247,8 +247,8 @@ def _with_sign(
         find_series(recording, ColumnSpec(column=text), part)
         for text, part in ((size, role), (direction, None))
     )
-    series, told = with_sign(large, which)
-    return series, [*about_size, *about_which, told]
+    series, about_sign = with_sign(large, which)
+    return series, [*about_size, *about_which, about_sign]
 
 
 def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:

@@ -240,7 +240,7 @@ class Rig:
                 talk.say("reference", owner=self._owner, reference=max(-(2**31), min(2**31 - 1, counts)))
             except OSError as error:
                 self._raise_lost(error)
-        return self._told_duty / self._full * self.settings.supply
+        return self._reported_duty / self._full * self.settings.supply
 
     def start(self, sample_time: float, seed: int | None) -> None:
         """Switch the bridge on at zero volts and begin sampling; the sample time has to be a whole number of milliseconds."""
@@ -267,7 +267,7 @@ class Rig:
             self._send_table()
         self._command("sampling", period=period, block=int(self._blocks))
         self._samples.clear()  # of the sampling before
-        self._told.clear()
+        self._reported.clear()
         self._running = self._driving = True
 
     def read(self) -> Sample:
@@ -288,7 +288,7 @@ class Rig:
                 )
         sample = self._samples.popleft()
         self._tick = sample.index
-        self._told_duty = self._told.popleft()
+        self._reported_duty = self._reported.popleft()
         return sample
 
     def write(self, voltage: float) -> float:
@@ -300,7 +300,7 @@ class Rig:
         try:
             if self._table and duty == self._due():
                 self._keep_filled()
-            elif not (self._following and duty == self._told_duty):
+            elif not (self._following and duty == self._reported_duty):
                 self._table, self._following = (), None
                 talk.say("duty", owner=self._owner, duty=duty)
         except OSError as error:
@@ -397,8 +397,8 @@ class Rig:
         """Begin a run: nothing was sent or heard of it."""
         self._samples: deque[Sample] = deque()
         self._findings: tuple[Finding, ...] = ()
-        self._told: deque[int] = deque()  # the duties that came with them
-        self._told_duty = 0
+        self._reported: deque[int] = deque()  # the duties that came with them
+        self._reported_duty = 0
         self._first_time: int | None = None
         self._held_since = 0.0
         self._last_duty = 0
@@ -423,7 +423,7 @@ class Rig:
             self._held_since = time - 4e-6 * age
         self._last_duty = values["duty"]
         self._add(values["index"], time, values["position"], values["current"], self._held_since)
-        self._told.append(values["duty"])
+        self._reported.append(values["duty"])
 
     def _take_block(self, values: dict[str, Any]) -> None:
         first, position = values["index"], values["position"]
@@ -431,7 +431,7 @@ class Rig:
         for k, (delta, current) in enumerate(zip((0, *values["delta"]), values["current"], strict=True)):
             position = (position + delta + 2**31) % 2**32 - 2**31
             self._add(first + k, begun + k * self._sample_time, position, current, None)
-        self._told.extend(values["duty"])
+        self._reported.extend(values["duty"])
         self._check_output(first, values)
 
     def _check_output(self, first: int, values: dict[str, Any]) -> None:

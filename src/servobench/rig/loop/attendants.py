@@ -83,15 +83,15 @@ class GuardTeller:
         self._device = device
         self._rows = rows
         self._events = events
-        self._told: Fault | None = None
+        self._reported: Fault | None = None
         self._place: Place | None = None
 
     def __call__(self, place: Place) -> Stopped | None:
         """Tell of a fault of the guard, once; never ends the run."""
         self._place = place
         fault = self._device.fault
-        if fault is not self._told:
-            self._told = fault
+        if fault is not self._reported:
+            self._reported = fault
             self._rows.set(FAULT, fault is not None)
             if fault is not None:
                 self._tell("fault", {"code": fault.code, "sentence": fault.sentence})
@@ -102,7 +102,7 @@ class GuardTeller:
         fault = self._device.fault
         if fault is not None:
             self._device.acknowledge()
-            self._told = None
+            self._reported = None
             self._rows.set(FAULT, 0)
             self._tell("acknowledged", {"code": fault.code})
 

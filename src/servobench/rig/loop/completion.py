@@ -118,8 +118,8 @@ def _count_missed(found: Recording, kind: str) -> int:
 
 def _next_event(found: Recording) -> int:
     """The number of the first event that isn't in a part; what the recorder says itself is none of the loop's events."""
-    told = sum(each.kind not in (ROWS_MISSED, EVENTS_MISSED) for each in found.events)
-    return told + _count_missed(found, EVENTS_MISSED)
+    present = sum(each.kind not in (ROWS_MISSED, EVENTS_MISSED) for each in found.events)
+    return present + _count_missed(found, EVENTS_MISSED)
 
 
 def _death_finding(had: int, rows: int) -> Finding:

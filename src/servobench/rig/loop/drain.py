@@ -118,14 +118,14 @@ class Drain:
     def add(self, event: Event) -> None:
         """Write an event, which comes next; one that tells of missed rows or events counts for the findings."""
         self._writer.event(event)
-        said = json.loads(event.text) if event.kind in (ROWS_MISSED, EVENTS_MISSED) else {}
+        document = json.loads(event.text) if event.kind in (ROWS_MISSED, EVENTS_MISSED) else {}
         if event.kind == ROWS_MISSED:
             self._gap_count += 1
-            self._rows_missed += int(said["count"])
+            self._rows_missed += int(document["count"])
             if len(self._gaps) < GAPS_TOLD:
-                self._gaps.append((int(said["first"]), int(said["count"])))
+                self._gaps.append((int(document["first"]), int(document["count"])))
         if event.kind == EVENTS_MISSED:
-            self._events_missed += int(said["count"])
+            self._events_missed += int(document["count"])
         self.taken += 1
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> bool:
@@ -179,15 +179,15 @@ class Drain:
 
     def _write_event(self, text: str) -> None:
         """Write an event, and understand the first and the last."""
-        said = json.loads(text)
-        if said["kind"] == "opened" and not self.begun:
-            info = info_from_json(said["info"])
+        document = json.loads(text)
+        if document["kind"] == "opened" and not self.begun:
+            info = info_from_json(document["info"])
             self._begin(opening(self._experiment, info, commanded_live=True, timing=info.timing))
-        if said["kind"] == "ended":
+        if document["kind"] == "ended":
             self._take_rows(self._ring.written)  # the last word comes after the last row
-            self.ended = ending_from_json(said)
+            self.ended = ending_from_json(document)
         if self.begun:
-            self.add(self._event(said, text))
+            self.add(self._event(document, text))
 
     def _take_rows(self, until: int) -> None:
         """Write the rows up to that number, and say where some are lost."""
@@ -214,19 +214,19 @@ class Drain:
         self.complete = len(within) < len(rows)
         return within
 
-    def _event(self, said: Mapping[str, Any], text: str) -> Event:
+    def _event(self, document: Mapping[str, Any], text: str) -> Event:
         """An event of the loop; one without a tick of its own stands where the rows are."""
         return Event(
-            tick=int(said.get("tick", self._tick + 1)),
-            time=float(said.get("time", self._time)),
-            kind=str(said["kind"]),
+            tick=int(document.get("tick", self._tick + 1)),
+            time=float(document.get("time", self._time)),
+            kind=str(document["kind"]),
             text=text,
         )
 
     def _write_missed(self, kind: str, first: int, count: int) -> None:
         """Write that rows or events are missing here."""
-        said = {"kind": kind, "first": first, "count": count}
-        self.add(self._event(said, json.dumps(said)))
+        document = {"kind": kind, "first": first, "count": count}
+        self.add(self._event(document, json.dumps(document)))
 
     def _tick_of(self, row: Array) -> int:
         """The tick of a row: its scheduled time over the sample time."""

@@ -80,7 +80,7 @@ class _Onlooker:
         self._look = look
         self._next_watch = self._next_look = time.monotonic()
         self._seen = _RowsSoFar(loop) if look is not None else None
-        self._told = False
+        self._reported = False
         self._shown = 0
 
     def __call__(self) -> None:
@@ -117,8 +117,8 @@ class _Onlooker:
         )
 
     def _stop_loop(self, word: str | None, reason: Literal["finished", "interrupted"]) -> None:
-        if word is not None and not self._told:
-            self._told = True
+        if word is not None and not self._reported:
+            self._reported = True
             self._loop.stop(word, reason)
 
 

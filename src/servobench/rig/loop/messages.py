@@ -116,9 +116,9 @@ def info_to_json(info: DeviceInfo) -> Any:
     return _adapter(DeviceInfo).dump_python(info, mode="json")
 
 
-def info_from_json(told: Any) -> DeviceInfo:
+def info_from_json(document: Any) -> DeviceInfo:
     """Return the device's description that `info_to_json` has made JSON of."""
-    info: DeviceInfo = _adapter(DeviceInfo).validate_python(told)
+    info: DeviceInfo = _adapter(DeviceInfo).validate_python(document)
     return info
 
 
@@ -129,14 +129,16 @@ def info_of(event: Notice) -> DeviceInfo:
 
 def ending_to_json(stopped: Stopped, findings: tuple[Finding, ...]) -> dict[str, Any]:
     """Return why a run ended and what was found as JSON can hold it."""
-    told = _adapter(tuple[Finding, ...]).dump_python(findings, mode="json")
-    return {"reason": stopped.reason, "sentence": stopped.sentence, "findings": told}
+    items = _adapter(tuple[Finding, ...]).dump_python(findings, mode="json")
+    return {"reason": stopped.reason, "sentence": stopped.sentence, "findings": items}
 
 
-def ending_from_json(told: Mapping[str, Any]) -> tuple[Stopped, tuple[Finding, ...]]:
+def ending_from_json(document: Mapping[str, Any]) -> tuple[Stopped, tuple[Finding, ...]]:
     """Return why a run ended and what was found, as `ending_to_json` wrote it; raises pydantic's `ValidationError`."""
-    stopped: Stopped = _adapter(Stopped).validate_python({key: told[key] for key in ("reason", "sentence")})
-    return stopped, _adapter(tuple[Finding, ...]).validate_python(told.get("findings", ()))
+    stopped: Stopped = _adapter(Stopped).validate_python(
+        {key: document[key] for key in ("reason", "sentence")}
+    )
+    return stopped, _adapter(tuple[Finding, ...]).validate_python(document.get("findings", ()))
 
 
 def stop_reason(event: Notice) -> Stopped:

@@ -42,15 +42,15 @@ def pace(spans: Spans) -> tuple[Finding, ...]:
     late by the host's clock and not by its number: so much is allowed to that clock. The rest is 200 parts per million.
     Call it at the end of a run; in virtual time with `host` only where the wall clock was shown beside the simulation.
     """
-    told = dict(_usable_clocks(spans))
+    usable = dict(_usable_clocks(spans))
     apart = [
         abs(one - other) / max(one, other)
-        for (first, one), (second, other) in combinations(told.items(), 2)
+        for (first, one), (second, other) in combinations(usable.items(), 2)
         if abs(one - other) > _tolerance(spans, {first, second}, max(one, other))
     ]
     if not apart:
         return ()
-    spoken = ", ".join(f"{span:.6g} s {by}" for by, span in told.items())
+    spoken = ", ".join(f"{span:.6g} s {by}" for by, span in usable.items())
     sentence = (
         f"The run lasted {spoken}: up to {100 * max(apart):.2g} % apart, more than a tick and two quartz clocks "
         "explain. Identified times may be wrong by as much. Check for missed samples, whether the device or the "

@@ -421,8 +421,8 @@ class LoopProcess:
         """Report urgent findings of the loop at once."""
         _, findings = ending_from_json(self._ended.about) if self._ended is not None else (None, ())
         for finding in sorted(findings, key=lambda each: each.severity is not Severity.DANGER):
-            told = finding.code in (LOOP_DIED, DEVICE_SILENT)
-            if finding.code == NOT_CLOSED or (finding.severity is Severity.DANGER and not told):
+            reported = finding.code in (LOOP_DIED, DEVICE_SILENT)
+            if finding.code == NOT_CLOSED or (finding.severity is Severity.DANGER and not reported):
                 self._warn(finding.sentence)
 
     def _danger_text(self) -> str:

@@ -393,13 +393,13 @@ class RecorderProcess:
         """
         if self._went is None:
             try:
-                said, _ = self._communicate(timeout, slow)
-                told = ""
+                output, _ = self._communicate(timeout, slow)
+                reason = ""
             except subprocess.TimeoutExpired:
                 self._process.kill()
-                said, _ = self._process.communicate()
-                told = f"it didn't end within {timeout:g} s"
-            self._went = _went(said, self._process.returncode, told or _last_line(self._errors))
+                output, _ = self._process.communicate()
+                reason = f"it didn't end within {timeout:g} s"
+            self._went = _went(output, self._process.returncode, reason or _last_line(self._errors))
             self._errors.close()
         return self._went
 
@@ -419,12 +419,12 @@ def _input(process: subprocess.Popen[bytes]) -> IO[bytes]:
     return cast("IO[bytes]", process.stdin)
 
 
-def _went(said: bytes, status: int, told: str) -> RecorderResult:
+def _went(output: bytes, status: int, reason: str) -> RecorderResult:
     """The recorder's outcome, from its own report or else from the end of its process."""
     try:
-        return RecorderResult(**json.loads(said))
+        return RecorderResult(**json.loads(output))
     except (ValueError, TypeError):  # it had no time to say anything
-        why = told or (f"it was ended by signal {-status}" if status < 0 else f"exit status {status}")
+        why = reason or (f"it was ended by signal {-status}" if status < 0 else f"exit status {status}")
         return RecorderResult(path=None, rows=0, error=f"the recorder's process died ({why})")
 
 

@@ -178,12 +178,12 @@ def _no_tracker() -> Iterator[None]:
         yield
         return
     with _attaching:
-        told = resource_tracker.register, resource_tracker.unregister
+        original = resource_tracker.register, resource_tracker.unregister
         resource_tracker.register = resource_tracker.unregister = _not_noted
         try:
             yield
         finally:
-            resource_tracker.register, resource_tracker.unregister = told
+            resource_tracker.register, resource_tracker.unregister = original
 
 
 def _not_noted(name: Sized, rtype: str) -> None:

@@ -95,8 +95,8 @@ def _equations(
     c = [voltage for _, voltage in columns]
     parts = range(len(names))
     reached = _spread({n for n in parts if b[n]}, {n: {i for i in parts if a[i][n]} for n in parts})
-    asked = _spread({n for n in parts if c[n]}, {n: {j for j in parts if a[n][j]} for n in parts})
-    kept = sorted(reached & asked)
+    observed = _spread({n for n in parts if c[n]}, {n: {j for j in parts if a[n][j]} for n in parts})
+    kept = sorted(reached & observed)
     return [[a[i][j] for j in kept] for i in kept], [b[i] for i in kept], [c[i] for i in kept], d
 
 

@@ -18,7 +18,7 @@ ARM = OddMotor(gain=3.0, time_constant=0.15, coulomb=0.3, gravity_sine=2.0)
 
 
 @pytest.mark.parametrize(("widened", "code"), [(1.0, "gravity-found"), (1e10, "term-possible")])
-def test_gravity_is_claimed_only_where_it_is_told_from_zero(widened: float, code: str) -> None:
+def test_gravity_is_claimed_only_where_it_is_reported_from_zero(widened: float, code: str) -> None:
     record = odd_record(ARM, 5, samples=len(T), u=6.0 * np.sin(2 * np.pi * (0.3 + 0.1 * T) * T))
     plain, fit = (
         ESTIMATORS["output_error"].fit(STRUCTURES[name], [record])

@@ -73,7 +73,7 @@ def test_nothing_is_put_out_unless_it_was_asked_for() -> None:
     assert turned.most == 256
 
 
-def test_what_is_not_offered_and_what_was_not_asked_for_is_told() -> None:
+def test_what_is_not_offered_and_what_was_not_asked_for_is_reported() -> None:
     class Lawless(FakeBoard):
         has_law = False
 

@@ -131,9 +131,9 @@ def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
     """
     if not richer.converged:
         return "the search for it doesn't settle"
-    told = about_winding(allowed)
-    if told:
-        return told[0].sentence
+    about_lag = about_winding(allowed)
+    if about_lag:
+        return about_lag[0].sentence
     if any(not allowed.sd(n) < 0.5 * abs(allowed.model[n]) for n in ("gain", "time_constant")):
         return "gain and time constant could no longer be determined"
     value, sd = amount(term, allowed)

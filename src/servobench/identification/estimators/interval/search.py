@@ -67,12 +67,12 @@ class Near:
         """Return the likelihood at a change of the parameters (P + ΣQ,) and a noise s."""
         size = len(self.theta)
         h, g, total, slope, curvature = np.zeros((size, size)), np.zeros(size), 0.0, 0.0, 0.0
-        for j, place, told in zip(self.jacobians, self.places, self._bins(change, s), strict=True):
-            h[np.ix_(place, place)] += (j * told.information[:, None]).T @ j
-            g[place] += j.T @ told.score
-            total += told.log_likelihood
-            slope += told.slope
-            curvature += told.curvature
+        for j, place, each in zip(self.jacobians, self.places, self._bins(change, s), strict=True):
+            h[np.ix_(place, place)] += (j * each.information[:, None]).T @ j
+            g[place] += j.T @ each.score
+            total += each.log_likelihood
+            slope += each.slope
+            curvature += each.curvature
         held = ~self.free
         h[held], h[:, held], g[held] = 0.0, 0.0, 0.0
         return Point(change, s, total, g, h, slope, curvature)

@@ -15,7 +15,7 @@ from servobench.identification.estimators.least_squares import Layout
 _SILENT = 0.01  # of a usual sample's information: a block with less is left out
 
 
-def wander_ratio(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau: float) -> float:
+def wander_ratio(layout: Layout, near: Near, all_bins: Sequence[Bins], s: float, tau: float) -> float:
     """Return the likelihood ratio for a random torque behind the scores, with noise s and a time constant τ [s].
 
     Near the maximum a block of samples says as much as a measured position off the prediction by Σ score / Σ information, of
@@ -24,15 +24,15 @@ def wander_ratio(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau
     residuals behind an encoder they are white where nothing wanders, so that a ratio above 5.41 has a chance of 1 in 100: half
     of a χ² of one degree of freedom, as no torque is on the edge of what can be (Self and Liang 1987).
     """
-    expected = _expected_information(near, said, s)
+    expected = _expected_information(near, all_bins, s)
     usual = float(np.mean(np.concatenate(expected)))
     blocks, columns = [], []
-    for record, j, place, told, informs in zip(
-        layout.data, near.jacobians, near.places, said, expected, strict=True
+    for record, j, place, bins, informs in zip(
+        layout.data, near.jacobians, near.places, all_bins, expected, strict=True
     ):
         sliding = layout.structure.sliding(near.theta[place], record)
         block = blocks_of(record, sliding, longest_block(None, tau, record))
-        sums = np.add.reduceat(np.column_stack([told.score, j * informs[:, None]]), block.starts)
+        sums = np.add.reduceat(np.column_stack([bins.score, j * informs[:, None]]), block.starts)
         weight = np.add.reduceat(informs, block.starts) / usual
         keep = weight > _SILENT
         columns.append(sums[keep] / (weight[keep, None] * np.sqrt(usual)))
@@ -65,12 +65,12 @@ def _ratio_for_disturbance(records: Linearisation, tau: float) -> float:
     return max(deviance(0.0) - min(costs), 0.0)
 
 
-def _expected_information(near: Near, said: Sequence[Bins], s: float) -> list[Array]:
+def _expected_information(near: Near, all_bins: Sequence[Bins], s: float) -> list[Array]:
     """The information of each sample (M,) that is to be expected where the prediction puts it, whichever bin it falls into.
 
     From s = Q/2 on it is the same everywhere to a hundredth, and is taken from the samples.
     """
-    flat = float(np.mean(np.concatenate([told.information for told in said])))
+    flat = float(np.mean(np.concatenate([bins.information for bins in all_bins])))
     return [
         np.full(len(x), flat) if s > 0.5 * quantum else expected_information(x, quantum, s)
         for x, quantum in zip(near.offsets, near.quanta, strict=True)

@@ -221,11 +221,11 @@ def stream(
             here = shown - first if first <= shown < last else -1
             open_block = blocks[b, SAMPLES] > 0
             if open_block and (blocks[b, SLIDES] != slides or t[m] - before > gap):
-                told = close_block(
+                complete = close_block(
                     blocks[b], totals[b], reference[1], rest, ratio[first:last], p[first:last], angle[first:last],
                     speed[first:last], products[first:last], logarithms[first:last], here, one,
                 )  # fmt: skip
-                if here >= 0 and told:
+                if here >= 0 and complete:
                     innovations[found] = one
                     found += 1
             blocks[b, SAMPLES] += 1.0
@@ -234,11 +234,11 @@ def stream(
             for c in range(WIDTH):
                 totals[b, c] += row[c]
             if blocks[b, SAMPLES] >= sizes[b]:
-                told = close_block(
+                complete = close_block(
                     blocks[b], totals[b], reference[1], rest, ratio[first:last], p[first:last], angle[first:last],
                     speed[first:last], products[first:last], logarithms[first:last], here, one,
                 )  # fmt: skip
-                if here >= 0 and told:
+                if here >= 0 and complete:
                     innovations[found] = one
                     found += 1
         before = t[m]

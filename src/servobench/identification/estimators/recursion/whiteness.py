@@ -34,13 +34,13 @@ def is_white(
         return True
     e = (recent[:, -1] - recent[:, :-1] @ found.change) / np.sqrt(found.watched_variance)
     # A change long ago is in many innovations, one just now in the last few.
-    asked = [_score_statistic(recent[-last:, :-1], e[-last:]) for last in (len(e), _FEWEST, 2 * _FEWEST)]
+    scores = [_score_statistic(recent[-last:, :-1], e[-last:]) for last in (len(e), _FEWEST, 2 * _FEWEST)]
     whole = len(e) // together
     sums = e[len(e) - whole * together :].reshape(whole, together).sum(axis=1)
     slow = 0.0
     if whole > 2 * _LAGS:
         slow = sum(float(sums[lag:] @ sums[:-lag]) for lag in range(1, _LAGS + 1)) / float(sums @ sums)
-    same = all(gammaincc(0.5 * told, 0.5 * size) > _RARE for size, told in asked)
+    same = all(gammaincc(0.5 * statistic, 0.5 * size) > _RARE for size, statistic in scores)
     return bool(same and slow * np.sqrt(whole / _LAGS) < _SLOW)
 
 
@@ -50,6 +50,6 @@ def _score_statistic(jacobian: Array, e: Array) -> tuple[float, int]:
     size = np.diag(h)
     scale = np.where(size > 0, 1.0 / np.sqrt(np.where(size > 0, size, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(h * np.outer(scale, scale))
-    told = values > _KNOWN * values[-1]
-    score = ((jacobian.T @ e * scale) @ vectors)[told]
-    return float(np.sum(score**2 / values[told])), int(np.count_nonzero(told))
+    resolved = values > _KNOWN * values[-1]
+    score = ((jacobian.T @ e * scale) @ vectors)[resolved]
+    return float(np.sum(score**2 / values[resolved])), int(np.count_nonzero(resolved))

@@ -74,11 +74,11 @@ class Inertia:
 
     def decision_for(self, question: Question, size: float) -> Decision:
         """Add a known inertia: τ grows by R/k² times it, whatever the inertia before."""
-        told = "Add a disc of known inertia and repeat the run: the time constant grows by R/k² for each kg·m² added"
+        sentence = "Add a disc of known inertia and repeat the run: the time constant grows by R/k² for each kg·m² added"
         if question.motor is not None:
             r, k, j = question.motor.resistance, question.motor.motor_constant, question.motor.inertia
-            told += f"; {with_unit(j, 'kg·m²', 3)} more add {with_unit(r * j / k**2, 's', 3)} if R and k are right"
-        return Decision(sentence=f"{told}.", experiment=_square(question))
+            sentence += f"; {with_unit(j, 'kg·m²', 3)} more add {with_unit(r * j / k**2, 's', 3)} if R and k are right"
+        return Decision(sentence=f"{sentence}.", experiment=_square(question))
 
 
 def _without(question: Question) -> list[tuple[str, float]]:

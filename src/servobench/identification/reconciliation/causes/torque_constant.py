@@ -60,15 +60,17 @@ class TorqueConstant:
 
     def decision_for(self, question: Question, size: float) -> Decision:
         """Turn the shaft from outside: the open terminals show k ω."""
-        told = (
+        sentence = (
             "Turn the shaft from outside at a known speed and measure the voltage at the open terminals: it is k times the "
             "speed"
         )
         if question.motor is not None:
             k = question.motor.motor_constant
             other = plain(100 * k * exp(size), 3)
-            told += f", at 100 rad/s {plain(100 * k, 3)} V with the nominal k and {other} V with the other"
-        return Decision(sentence=f"{told}.")
+            sentence += (
+                f", at 100 rad/s {plain(100 * k, 3)} V with the nominal k and {other} V with the other"
+            )
+        return Decision(sentence=f"{sentence}.")
 
 
 CAUSES.member("torque_constant")(TorqueConstant())

@@ -68,13 +68,13 @@ class ViscousFriction:
 
     def decision_for(self, question: Question, size: float) -> Decision:
         """Switch the winding off and let it coast."""
-        told = (
+        sentence = (
             "Bring the motor to speed, open the winding (no current) and let it coast: with viscous friction alone "
             "the speed falls as e^(-t b/J), Coulomb friction along a straight line"
         )
         # Held for long enough to be at speed; the coasting is examined with the winding open.
         return Decision(
-            sentence=f"{told}.",
+            sentence=f"{sentence}.",
             experiment=Experiment(
                 name="coast down", signal=Pulse(level=3.0, start=0.0, width=2.0), duration=6.0
             ),

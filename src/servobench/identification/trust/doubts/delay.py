@@ -23,8 +23,8 @@ def _delay(fit: Fit) -> list[Finding]:
     lag = float(fit.model.theta[summed].sum())
     # The two may be known as a sum only: its variance can then be rounding error, of either sign.
     sd = float(np.sqrt(max(fit.covariance[np.ix_(summed, summed)].sum(), 0.0)))
-    told = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
-    if told or lag >= -3 * sd or lag >= -0.6 * fit.records[0].data.sample_time:
+    reported = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
+    if reported or lag >= -3 * sd or lag >= -0.6 * fit.records[0].data.sample_time:
         return []
     sentence = (
         f"The output comes {-lag:.3g} s before the input that causes it: the two columns are misaligned."

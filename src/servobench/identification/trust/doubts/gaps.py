@@ -27,8 +27,8 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 
 def _unknown_input(data: Dataset) -> list[Finding]:
     """Whether rows are missing in which the input may have changed, for inputs that are written in every row."""
-    told = {finding.code for finding in data.findings}
-    if _HELD in told and _ROWS_LOST not in told:
+    codes = {finding.code for finding in data.findings}
+    if _HELD in codes and _ROWS_LOST not in codes:
         return []
     steps = np.diff(data.t_input)
     if len(steps) < 10 or _in_every_row(data) < _IN_EVERY_ROW:

@@ -54,8 +54,8 @@ def widen_for_lag_split(fit: Fit) -> Fit:
         "constant from the delay"
     )
     line = Contribution(source="lag not split", covariance=spread * np.outer(split, split), reason=reason)
-    said = (*fit.findings, _finding(lag, half, longest))
-    return replace(fit.widen(line), intervals=intervals, findings=said)
+    findings = (*fit.findings, _finding(lag, half, longest))
+    return replace(fit.widen(line), intervals=intervals, findings=findings)
 
 
 def _variance(fit: Fit) -> float:

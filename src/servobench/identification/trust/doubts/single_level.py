@@ -69,15 +69,15 @@ def widen_for_single_level(fit: Fit) -> Fit:
     together = [names.index(name) for name in ("gain", *_FRICTION) if name in names]
     if "gain" not in names or len(together) < 2:
         return fit
-    said = _single_level([record.data for record in fit.records])
-    if not said:
+    doubts = _single_level([record.data for record in fit.records])
+    if not doubts:
         return fit
     covariance = fit.covariance.copy()
     covariance[together, :] = 0.0
     covariance[:, together] = 0.0
     covariance[together, together] = np.inf
     intervals = {name: ends for name, ends in fit.intervals.items() if names.index(name) not in together}
-    return replace(fit, covariance=covariance, intervals=intervals, findings=(*fit.findings, *said))
+    return replace(fit, covariance=covariance, intervals=intervals, findings=(*fit.findings, *doubts))
 
 
 DOUBTS.member("single_level")(Doubt(codes=("single-level",), about_data=_single_level))

@@ -90,8 +90,8 @@ def _lag(*fits: Fit) -> float:
     """The time constant [s] of the first fit that has one, between a sample time and a tenth of the longest record."""
     data = [record.data for record in fits[0].records]
     longest, step = max(each.duration for each in data), max(each.sample_time for each in data)
-    told = [fit.model["time_constant"] for fit in fits if "time_constant" in fit.model.names]
-    return max(min([*told[:1], _LONGEST * longest]), step)
+    time_constants = [fit.model["time_constant"] for fit in fits if "time_constant" in fit.model.names]
+    return max(min([*time_constants[:1], _LONGEST * longest]), step)
 
 
 def _misfit(fit: Fit, lag: float) -> float:
