@@ -56,3 +56,17 @@ def test_a_search_that_ended_beside_the_minimum_goes_on_from_where_prediction_er
     for name, true in (("gain", GAIN), ("time_constant", TIME_CONSTANT), ("coulomb_voltage", COULOMB)):
         low, high = fit[name].interval
         assert low < true < high, name
+
+
+def test_rests_of_an_unknown_encoder_are_no_evidence_against_a_random_torque() -> None:
+    """At rest all samples are rounded alike, which colours the innovations, but not at the frequencies of the parameters."""
+    u = np.repeat(np.random.default_rng(1).choice([0.0, 3.0], 20), 250)
+    shaken = dataset(seed=1, u=u, torque_noise=1e-6, truth=Truth(coulomb_torque=8e-4))
+    data = replace(shaken, quantum=None)
+
+    fit = allow_for_disturbance(
+        ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way_rest"], [data])
+    )
+
+    assert fit.estimator == "prediction_error"
+    assert abs(fit["gain"].value - 23.697) < 3 * fit["gain"].sd  # k/(R b + k²)

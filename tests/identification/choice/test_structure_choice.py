@@ -16,6 +16,8 @@ from servobench.identification.identify import identify
 from servobench.identification.result import Result
 from servobench.rig.devices.twin import Twin, TwinSettings
 from tests.datasets import dataset
+from tests.identification.uncertainty.test_systematic_torque import FRICTION, GAIN, TAU
+from tests.identification.uncertainty.test_systematic_torque import turned as finely_stepped
 from tests.recordings.measurement.test_measure import recording
 from tests.rig.motor.odd_motor import OddMotor, odd_record
 
@@ -235,3 +237,21 @@ def test_a_short_run_of_a_plain_motor_has_no_term_that_looks_worth_it_by_chance(
 
     assert result.fit is not None
     assert result.fit.structure == "first_order_coulomb"
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_shaft_that_stops_at_the_very_end_has_friction_that_holds_it(seed: int) -> None:
+    """It stands in less than a fiftieth of the record; with a constant loss in its place it would turn back there."""
+    u = np.repeat(np.random.default_rng(seed).choice([1.2, 4.0], 30), 100)
+    u[-160:] = 0.1
+    angle = finely_stepped(u, 0.0, 1.0)[200:]
+    quantum = 2 * np.pi / 2048
+    y = quantum * np.round(angle / quantum)
+    data = replace(dataset(seed=seed, u=u[200:], y=y, samples=2800), quantum=quantum, input_before=u[199])
+    assert np.mean(np.diff(y) == 0) < 0.02
+
+    result = identify(data)
+
+    assert result.fit is not None
+    assert result.fit.structure == "first_order_one_way_rest"
+    check(result, gain=GAIN, time_constant=TAU, coulomb_voltage=FRICTION)

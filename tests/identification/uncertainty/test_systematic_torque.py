@@ -15,6 +15,7 @@ from servobench.identification.uncertainty.friction_near_rest import with_fricti
 from servobench.identification.uncertainty.model_error import model_error
 from servobench.identification.uncertainty.systematic_torque import systematic_share
 from tests.datasets import dataset, prbs
+from tests.rig.motor.reference import Truth
 
 GAIN, TAU, FRICTION = 20.0, 0.08, 0.25  # rad/(s·V), s, V
 STEP, SAMPLES, SUBSTEPS = 0.002, 5000, 40
@@ -76,6 +77,20 @@ def test_and_the_friction_near_rest_is_left_open(stribeck: Fit) -> None:
 def test_a_torque_that_is_random_depends_on_nothing(seed: int) -> None:
     """Chance reaches 3.5 standard deviations of χ², where it begins to count, in less than one of 500 records."""
     fit = fitted(None, prbs(SAMPLES, 50, np.random.default_rng(seed)), seed, torque=1e-5)
+
+    assert fit.disturbance is not None
+    assert systematic_share(fit) == 0.0
+
+
+@pytest.mark.parametrize(("seed", "torque"), [(2, 1e-5), (3, 1e-6)])
+def test_a_shaft_that_friction_holds_shows_no_torque(seed: int, torque: float) -> None:
+    """It stops somewhat beside where the model has it, and all samples of that rest err in the same sense."""
+    u = np.repeat(np.random.default_rng(seed).choice([0.0, 3.0], SAMPLES // 250), 250)
+    data = dataset(seed=seed, u=u, torque_noise=torque, truth=Truth(coulomb_torque=8e-4))
+    fit = allow_for_disturbance(
+        ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way_rest"], [data])
+    )
+    assert np.mean(np.diff(data.y) == 0) > 0.3
 
     assert fit.disturbance is not None
     assert systematic_share(fit) == 0.0

@@ -190,7 +190,8 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
     stands = any(stands_at_first(record) for record in data)
     late = not is_usual(one_way)  # a delay may replace friction that the input has to overcome
-    if not (begins or stands or late) and (explains_the_colour(one_way) or not _stands(data)):
+    rests = _stands(data) or _would_stop(one_way)
+    if not (begins or stands or late) and (explains_the_colour(one_way) or not rests):
         return simple
     try:
         with_rest = fit_structure(method, STRUCTURES["first_order_one_way_rest"], data)
@@ -214,6 +215,12 @@ def _drives(one_way: Fit) -> bool:
     """Whether the constant that a motor loses would drive it, or exceeds its input: neither would let a shaft rest."""
     level, lost = drive_level(one_way), one_way.model["coulomb_voltage"]
     return not 0.0 <= lost * np.sign(level) < abs(level)
+
+
+def _would_stop(one_way: Fit) -> bool:
+    """Whether the input is less than what a motor loses for a while: friction would stop the shaft, the model turns it back."""
+    sense, lost = np.sign(drive_level(one_way)), one_way.model["coulomb_voltage"]
+    return any(bool(np.any(sense * record.data.u < sense * lost)) for record in one_way.records)
 
 
 def _stands(data: Sequence[Dataset]) -> bool:

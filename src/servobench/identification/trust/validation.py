@@ -71,8 +71,10 @@ def explains_the_colour(fit: Fit) -> bool:
     The rounding of an ideal encoder is coloured by nature, but hardly at the low frequencies that carry the parameters. Beside a
     disturbance these frequencies are examined by themselves: a torque that isn't white may hide below the rounding.
     """
-    if fit.disturbance is not None and max(_slow_colour(fit, record) for record in fit.records) > _SLOW:
-        return False
+    if fit.disturbance is not None:
+        slow = max(_slow_colour(fit, record) for record in fit.records)
+        if slow > _SLOW or slow <= _CHI2_99:
+            return slow <= _CHI2_99
     if is_rounding(fit):
         return True
     return max(_whiteness(record.innovations[record.valid]) for record in fit.records) <= _CHI2_99

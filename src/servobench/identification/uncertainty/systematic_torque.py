@@ -7,6 +7,7 @@ are summed over samples of like speed, direction, and sense of the acceleration;
     χ² = Σ (Σ e)² / (n σ²)   over B such groups of n samples
 
 is B ± √(2B) (Pearson 1900). What depends on speed or direction adds up in each group, and χ² grows with the length of the record.
+A shaft that friction holds is left out: it shows no torque, and all samples of one rest have the same error of where it stopped.
 """
 
 from __future__ import annotations
@@ -42,13 +43,14 @@ def systematic_share(fit: Fit) -> float:
     top = max(float(np.abs(speed).max(initial=0.0)) for speed in speeds)
     if not top > 0:
         return 0.0
-    groups = np.concatenate(
-        [_groups(speed, top)[record.valid] for speed, record in zip(speeds, fit.records, strict=True)]
+    used = [record.valid & (speed != 0.0) for speed, record in zip(speeds, fit.records, strict=True)]
+    groups = np.concatenate([_groups(speed, top)[use] for speed, use in zip(speeds, used, strict=True)])
+    innovations = np.concatenate(
+        [record.innovations[use] for record, use in zip(fit.records, used, strict=True)]
     )
-    innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
     counts = np.bincount(groups)
     sums = np.bincount(groups, weights=innovations)[counts >= _FEW]
-    variance = float(innovations @ innovations) / len(innovations)
+    variance = float(innovations @ innovations) / max(len(innovations), 1)
     if not len(sums) or not variance > 0:
         return 0.0
     chi2 = float(np.sum(sums**2 / counts[counts >= _FEW])) / variance
