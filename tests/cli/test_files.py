@@ -1,5 +1,6 @@
 """`inspect`, `convert` and `recover`: what is in files, and other files of it."""
 
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -245,3 +246,31 @@ def test_recover_writes_where_it_is_reported_and_never_over_another_file(
 
     assert servobench(*words).status == 0
     assert servobench(*words).status == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names here")
+def test_what_is_no_regular_file_isn_t_replaced(servobench: Command, foreign: Path, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.csv"
+    os.mkfifo(pipe)
+
+    ended = servobench("convert", foreign, pipe, "--overwrite")
+
+    assert ended.status == 2
+    assert "isn't a regular file" in ended.err
+    assert pipe.is_fifo()
+
+
+def test_a_text_in_the_first_row_of_numbers_leaves_the_names_above_it(
+    servobench: Command, tmp_path: Path
+) -> None:
+    file = tmp_path / "start.csv"
+    rows = [f"{0.01 * k:.2f},{3 if k % 20 < 10 else 1},{k}" for k in range(100)]
+    rows[0] = "0.00,3,err"
+    file.write_text("\n".join(["t [s],u [V],theta [deg]", *rows]) + "\n")
+
+    ended = servobench("inspect", file)
+
+    assert ended.status == 0
+    assert "theta" in ended.out
+    assert "column_3" not in ended.out
+    assert "such as 'err'" in ended.out

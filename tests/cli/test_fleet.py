@@ -272,3 +272,15 @@ def test_results_that_are_none_are_reported(servobench: Command, tmp_path: Path)
 
     assert ended.status == 2
     assert "holds no results of a fleet" in ended.err
+
+
+def test_results_without_a_single_value_are_no_study(servobench: Command, tmp_path: Path) -> None:
+    folder = tmp_path / "files"
+    folder.mkdir()
+    (folder / "empty.csv").write_text("t,u,y\n")
+    assert "1 unusable" in servobench("fleet", folder, "--out", tmp_path / "out").out
+
+    ended = servobench("fleet", "repeatability", tmp_path / "out")
+
+    assert ended.status == 2
+    assert "none of its files has a result to compare" in ended.err

@@ -6,8 +6,10 @@ from importlib.resources import files
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 
+import servobench as sb
 from servobench.rig.experiment import read_experiment
 from tests.cli.conftest import Command
 from tests.export.conftest import known_together
@@ -121,3 +123,19 @@ def test_gains_for_what_the_data_leave_open_say_so(servobench: Command, tmp_path
     assert said[0] == "The Coulomb voltage isn't known, only that it is at most 0.41 V."
     assert "The time constant isn't known by itself" in said[1]
     assert said[-1].endswith("elsewhere the motor isn't known.")
+
+
+def test_an_axis_that_moves_in_metres_is_none_of_its_loops(servobench: Command, tmp_path: Path) -> None:
+    file = tmp_path / "axis.csv"
+    with sb.connect("twin") as motor:
+        run = sb.run(sb.Experiment(duration="3 s"), motor)
+    angle = run["counts"].values * 2 * np.pi / 2048
+    rows = zip(run["applied"].values, 0.01 * angle, strict=True)
+    lines = [f"{0.002 * k:.3f},{u:.6f},{x:.8f}" for k, (u, x) in enumerate(rows)]
+    file.write_text("\n".join(["t [s],u [V],x [m]", *lines]) + "\n")
+
+    ended = servobench("tune", file, "--input", "u", "--output", "x", "--bandwidth", "10", "--damping", "0.8")
+
+    assert ended.status == 2
+    assert "moves in m" in ended.err
+    assert "--unit" not in ended.err

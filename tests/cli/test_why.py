@@ -150,3 +150,13 @@ def test_a_report_is_written_where_one_can_be(
     ):
         refused = servobench("why", file, "--claimed", "tau=0.13", "--report", nowhere)
         assert (refused.status, said in refused.err) == (2, True)
+
+
+def test_the_folder_of_a_run_is_its_recording(servobench: Command, finished_run: Path) -> None:
+    folder, file = (
+        servobench("why", path, "--claimed", "tau=0.13", "--json")
+        for path in (finished_run, finished_run / "recording.mcap")
+    )
+
+    assert folder.status == file.status == 0
+    assert folder.out == file.out

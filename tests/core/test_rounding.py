@@ -4,6 +4,7 @@ import pytest
 
 from servobench.core.rounding import (
     as_known,
+    change_text,
     count_text,
     handy_unit,
     instead_of,
@@ -159,3 +160,19 @@ def test_a_number_is_not_held_against_one_that_is_printed_alike(
     first: float, second: float, words: str
 ) -> None:
     assert instead_of(first, second, unit="s") == words
+
+
+@pytest.mark.parametrize(
+    ("value", "usual", "expected"),
+    [
+        (7.637, 9.348, "18 % smaller"),
+        (-7.637, -9.348, "18 % smaller"),
+        (1.0004, 1.0, "0.04 % larger"),
+        (2.5, 1.0, "2.5 times as large"),
+        (1.0, 1.0, "the same"),
+        (-1.0, 1.0, "of the other sign"),
+        (1.0, 0.0, "of the other sign"),
+    ],
+)
+def test_a_change_has_no_size_but_its_own(value: float, usual: float, expected: str) -> None:
+    assert change_text(value, usual) == expected

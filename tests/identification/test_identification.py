@@ -339,3 +339,13 @@ def test_what_an_untold_filter_may_feign_is_no_doubt_of_its_own() -> None:
     assert {finding.severity for finding in feigned} == {Severity.INFO}
     assert all("All of that may come from a filter" in finding.sentence for finding in feigned)
     assert "chain-unknown" in codes(untold)
+
+
+def test_a_duty_beyond_the_whole_is_doubted() -> None:
+    sound = dataset(seed=1)
+    usual, timer = (identify(replace(sound, u=factor * sound.u, input_unit="%")) for factor in (30.0, 85.0))
+
+    assert "size-absurd" not in {finding.code for finding in usual.findings}
+    [asked] = [f.sentence for f in timer.findings if f.code == "size-absurd"]
+    assert "the duty reaches 255 %" in asked
+    assert "PWM/255" in asked

@@ -16,7 +16,7 @@ import xarray
 import servobench as sb
 from servobench.core.errors import MissingInformation, UnitError, UnknownName, UsageError
 from servobench.recordings.measurement.dataset import Dataset
-from servobench.recordings.reading import datasets_in
+from servobench.recordings.reading import datasets_in, evidence_in
 
 GAIN, TAU, STEP = 20.0, 0.1, 0.002
 T = np.arange(0, 2, STEP)
@@ -230,3 +230,14 @@ def test_a_time_response_of_several_outputs_is_refused() -> None:
     several = control.TimeResponseData(T, np.stack([Y, Y]), inputs=U)
     with pytest.raises(UsageError, match="1 inputs, 2 outputs"):
         datasets_in(several, input_unit="V", output_unit="rad/s")
+
+
+def test_a_column_of_numbers_with_a_few_texts_is_read_and_says_so() -> None:
+    """As in a file: a logger that writes an error in place of a value leaves a column of objects."""
+    frame = pandas.DataFrame({"t": [0.0, 0.1, 0.2], "u": [1.0, 2.0, 3.0], "y": [1.0, "err", 3.0]})
+
+    [found] = evidence_in(frame, time="t:s", input="u:V", output="y:rad")
+
+    [finding] = [each for each in found.recording.findings if each.code == "cell-not-a-number"]
+    assert "'err'" in finding.sentence
+    assert "row 2" in finding.sentence

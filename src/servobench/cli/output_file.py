@@ -17,6 +17,8 @@ def check_free(path: Path | None, option: str, inputs: Sequence[Path | None], ov
         return
     if path.is_dir():
         raise UsageError(f"{option} {path}: is a folder; name a file in it")
+    if path.exists() and not path.is_file():
+        raise UsageError(f"{option} {path}: isn't a regular file, and isn't replaced; give another name")
     if not path.parent.is_dir():
         raise UsageError(f"{option} {path}: there is no folder {path.parent}")
     if any(path.resolve() == each.resolve() for each in inputs if each is not None):

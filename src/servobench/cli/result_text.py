@@ -229,9 +229,11 @@ def _show_comparisons(console: Console, nominal: Iterable[Comparison]) -> None:
 
 
 def _difference(comparison: Comparison) -> str:
-    """The relative difference; nothing where the two are so far apart that it says no more."""
+    """The relative difference, how many times as much where that is more than ten; nothing beside zero or another sign."""
     ratio = comparison.identified / comparison.nominal if comparison.nominal else 0.0
-    return f"{100 * (ratio - 1):+.1f} %" if 0 < ratio < 10 else ""
+    if ratio >= 10:
+        return f"{ratio:.0f} times"
+    return f"{100 * (ratio - 1):+.1f} %" if ratio > 0 else ""
 
 
 def _rows(finding: Finding) -> str:

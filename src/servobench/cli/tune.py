@@ -136,6 +136,11 @@ def _tune(answer: ResultSummary, method: str, wish: Wish) -> TuningResult:
     from servobench.export.first_order import first_order_motor
     from servobench.systems.tuning.tune import tune as tuned
 
+    if answer.units[0] == "m":
+        raise UsageError(
+            "the axis of this result moves in m; tune knows the loops of a shaft that turns, in rad: give the angle "
+            "of the drum or the wheel as the output"
+        )
     try:
         return tuned(first_order_motor(answer, "tune", "rad"), method, wish)
     except UsageError as error:

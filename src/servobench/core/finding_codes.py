@@ -265,7 +265,7 @@ _TABLE = (
     FindingCode("output-spikes", "The output has spikes of a sample or two.",
         "Look at the cable and the driver; remove those samples.", Role.CAUSE),
     FindingCode("output-stale", "The log repeats old values; only fresh ones are used."),
-    FindingCode("output-still", "The output never moves.", "Check the column, the sensor and the shaft.", Role.CAUSE),
+    FindingCode("output-still", "The output never moves, or at one speed only.", "Check the column and the shaft.", Role.CAUSE),
     FindingCode("output-stops", "The output stops at a fixed value while the motor should turn.",
         "Look for an end stop or a lost sensor.", Role.CAUSE),
     FindingCode("parameter-at-bound", "A parameter ended at the edge of what is possible.",

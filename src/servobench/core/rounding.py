@@ -174,6 +174,17 @@ def instead_of(first: float, second: float, digits: int = 4, unit: str = "") -> 
     return f"{texts[0]} {SAME}" if texts[0] == texts[1] else " instead of ".join(texts)
 
 
+def change_text(value: float, usual: float) -> str:
+    """Return `18 % smaller`, `2.5 times as large`, `the same` or `of the other sign`: a value beside the one in its place."""
+    ratio = value / usual if usual else 0.0
+    if not ratio > 0:
+        return "of the other sign"
+    if ratio >= 2:
+        return f"{plain(ratio, 2)} times as large"
+    percent = 100 * abs(ratio - 1)
+    return f"{plain(percent, 2)} % {'larger' if ratio > 1 else 'smaller'}" if percent >= 0.001 else "the same"
+
+
 def power_of_ten(exponent: int) -> str:
     """Return `10⁻⁶` for -6."""
     return f"10{str(exponent).translate(_SUPERSCRIPTS)}"

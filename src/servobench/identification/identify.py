@@ -273,6 +273,7 @@ def _judge(
     fit = widen_for_single_level(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
+        *_causes(fit, nominal),
         *_about_known([*choice.findings, *fit.findings], statuses),
         *about_answers(statuses, combined, fit),
         *about_fit(fit, nominal_motor(nominal)),
@@ -282,7 +283,6 @@ def _judge(
         *missing_terms(choice.terms),
         *superfluous_terms(fit),
         *about_validation(fit, validation, validate_on),
-        *_causes(fit, nominal),
     ]
     motor = MotorEstimates()
     if (known or has_current(fit)) and verdict(findings) is not Verdict.REFUSED:

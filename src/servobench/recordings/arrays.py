@@ -78,7 +78,9 @@ def _numbers(name: str, given: Any) -> Array:
         raise UsageError(
             f"{name} is a {type(given).__name__} that isn't numbers; expected an array of numbers, (N,)"
         )
-    if values.ndim != 1 or not len(values):
+    if not values.size:
+        raise UsageError(f"{name} is empty; expected one number for each sample, (N,)")
+    if values.ndim != 1:
         hint = f": {name}.ravel()" if values.ndim == 2 and 1 in values.shape else ""
         raise UsageError(f"{name} has shape {values.shape}; expected one number for each sample, (N,){hint}")
     return values

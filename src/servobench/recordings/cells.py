@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -32,12 +33,48 @@ def to_numbers(name: str, given: Any) -> tuple[Array | None, bool]:
         return cells.astype(np.float64), False
     if cells.dtype.kind != "O":  # texts
         return None, False
+    moments = _moments(cells)
+    if moments is not None:
+        return moments, True
     try:
         return np.array(
             [np.nan if cell is None else cell for cell in cells.ravel()], dtype=np.float64
         ).reshape(cells.shape), False
     except (TypeError, ValueError):  # texts, lists, objects
         return None, False
+
+
+def mostly_numbers(given: Any) -> tuple[Array | None, dict[int, str]]:
+    """Return a column (N,) of which at least half are numbers, NaN where one is a text, and those texts by row.
+
+    None and no texts for any other column.
+    """
+    cells = np.asarray(given)
+    if cells.dtype.kind != "O" or cells.ndim != 1:
+        return None, {}
+    values, texts = np.full(len(cells), np.nan), {}
+    for row, cell in enumerate(cells):
+        try:
+            values[row] = np.nan if cell is None else float(cell)
+        except (TypeError, ValueError):
+            texts[row] = str(cell)
+    return (values, texts) if 2 * len(texts) <= len(cells) else (None, {})
+
+
+def _moments(cells: Cells) -> Array | None:
+    """Seconds since the first of Python's own moments, of one time zone, several or none; None for any other objects."""
+    flat = cells.ravel()
+    if not len(flat) or not all(isinstance(cell, datetime) for cell in flat):
+        return None
+    # Moments of one zone are subtracted by the clock on the wall, which is set back once a year.
+    moments = [cell.astimezone(UTC) if cell.tzinfo is not None else cell for cell in flat]
+    first = next((cell for cell in moments if cell == cell), moments[0])  # not-a-time equals nothing
+    try:
+        return np.array([(cell - first).total_seconds() for cell in moments], dtype=np.float64).reshape(
+            cells.shape
+        )
+    except TypeError:  # some have a time zone and some haven't
+        return None
 
 
 def _seconds(cells: Cells) -> Array:

@@ -121,7 +121,8 @@ def test_of_two_claims_the_one_that_the_data_know_is_explained() -> None:
         "tau=0.2 can't be judged: the data don't determine the time constant, only that it is at most "
     )
     with pytest.raises(
-        NotIdentifiable, match=r"don't determine the time constant.*to determine it, record steps, sampled"
+        NotIdentifiable,
+        match=r"don't determine the time constant.*to determine it, record steps that are sampled",
     ):
         why(result, ["tau=0.2"])
 
@@ -285,3 +286,20 @@ def test_identify_tells_the_causes_where_a_sheet_is_given() -> None:
 
     assert {"nominal-differs", "deciding-experiment"} <= codes
     assert "nominal-agrees" in {finding.code for finding in identify(dataset(seed=1), nominal=SHEET).findings}
+
+
+def test_of_one_value_alone_is_said_whether_it_differs() -> None:
+    """One level from rest tells the time constant, and not gain and friction apart."""
+    u = np.full(500, 2.0)
+    u[:50] = 0.0
+    result = identify(dataset(seed=1, samples=500, u=u, truth=FRICTIONLESS), nominal=SHEET)
+    assert result.answers["gain"].state is not State.KNOWN
+    assert result.answers["time_constant"].state is State.KNOWN
+    assert result.fit is not None
+    heavier = replace(SHEET, disc_inertia=20 * SHEET.disc_inertia)
+
+    [agrees] = reconcile(result.fit, SHEET)
+    [differs] = reconcile(result.fit, heavier)
+
+    assert (agrees.code, differs.code) == ("nominal-agrees", "nominal-differs")
+    assert "times as much" in differs.sentence

@@ -5,6 +5,8 @@ The recordings are of `tests.rig.motor.reference`: 20 rad/(s·V) or so, 0.1 s, b
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -214,3 +216,18 @@ def test_a_motor_that_sets_off_at_the_end_of_a_rest_is_not_called_blocked() -> N
     y = (np.floor(angle / quantum + 0.3) + 0.5) * quantum
     data = dataset(seed=1, samples=len(u), sample_time=0.0147, u=u, y=y)
     assert told(_replaced(data, quantum)) == set()
+
+
+@pytest.mark.parametrize("speed", [3.0, -0.73])
+@pytest.mark.parametrize("quantum", [None, QUANTUM])
+def test_a_shaft_that_turns_evenly_under_an_alternating_input_is_none_of_its_own(
+    speed: float, quantum: float | None
+) -> None:
+    t = 0.005 * np.arange(800)
+    y = speed * t if quantum is None else quantum * np.round(speed * t / quantum)
+    u = np.repeat([3.0, -3.0, 6.0, -6.0], 200)
+    even = replace(dataset(seed=1, u=u, y=y, samples=800, sample_time=0.005), quantum=quantum)
+
+    assert told(even) == {"output-still"}
+    assert "output-still" not in told(replace(even, u=np.full(800, 3.0), input_before=3.0))
+    assert "output-still" not in told(replace(even, y=y + np.linspace(0.0, 0.2, 800) ** 2))

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from servobench.core.estimate import Estimate
+from servobench.identification.identify import identify
 from servobench.identification.uncertainty.identifiability import ParameterStatus, State
 from servobench.identification.uncertainty.purpose import good_for
 from servobench.identification.uncertainty.status_text import in_words
+from tests.datasets import dataset
+from tests.rig.motor.reference import Truth
 
 
 def answer(
@@ -45,3 +51,23 @@ def test_motors_are_told_apart_by_a_hundredth_of_a_percent_at_best() -> None:
     assert good_for({"gain": gain}, (), float("nan"), 0.002) == (
         "Good enough to tell two motors apart whose gains differ by more than 0.01 %."
     )
+
+
+def test_what_a_motor_loses_that_turns_backwards_has_a_lower_end() -> None:
+    """The constant that stands for friction then is below zero: it may be as much as 0.33 V."""
+    given = answer("coulomb_voltage", -0.161, (-0.331, 0.0087), "V", State.BOUNDED)
+    assert in_words(replace(given, mirrored=True)) == "at least −0.33 V"
+
+
+def test_of_a_motor_that_turned_backwards_at_least_so_much_is_said() -> None:
+    """Two levels, both below zero, for a few samples: the friction may be none."""
+    u = np.repeat([-2.0, -1.9], [30, 20])
+    truth = Truth(coulomb_torque=8e-4)
+    data = dataset(seed=2, samples=50, u=u, truth=truth)
+    found = identify(data)
+    assert found.fit is not None
+    assert found.fit.structure.startswith("first_order_one_way")
+
+    friction = found.answers["coulomb_voltage"]
+
+    assert friction.state is not State.BOUNDED or in_words(friction).startswith("at least −")

@@ -52,13 +52,17 @@ def repeatability(
     --pattern '{serial}_{operator}_{trial}.csv'. With two --limits of a parameter the shares are also of its tolerance.
     """
     from servobench.cli.terminal import messages, output, print_json
-    from servobench.core.errors import UnknownName
+    from servobench.core.errors import UnknownName, UsageError
     from servobench.fleet.limits import Limits
     from servobench.fleet.repeatability import gauge_study, study_values
     from servobench.fleet.table import fleet_in
 
     fleet = fleet_in(results, Limits.read(limits) if limits is not None else None)
     known = {each.name: each for each in fleet.parameters}
+    if not known:
+        raise UsageError(
+            f"{results}: none of its files has a result to compare; see the reasons in the table"
+        )
     studies: dict[str, GaugeStudy] = {}
     for name in parameter or [each for each in _USUAL if each in known] or list(known)[:1]:
         if name not in known:

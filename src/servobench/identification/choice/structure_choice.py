@@ -20,7 +20,7 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info
-from servobench.core.rounding import instead_of
+from servobench.core.rounding import change_text
 from servobench.identification.choice.computed_data import about_computed, fit_to_computed
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
@@ -134,7 +134,7 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
         if not better(with_friction, one_way.fit):
             return one_way
     fits = {each.structure: each for each in (frictionless, with_friction)}
-    gains = instead_of(frictionless.model["gain"], with_friction.model["gain"])
+    gains = change_text(frictionless.model["gain"], with_friction.model["gain"])
     if better(with_friction, frictionless):
         sentence = (
             f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
@@ -161,7 +161,7 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     with_friction = allow(rival)
     if with_friction.disturbance is None:
         return base, fit
-    gains = instead_of(fit.model["gain"], with_friction.model["gain"])
+    gains = change_text(fit.model["gain"], with_friction.model["gain"])
     samples = sum(int(record.valid.sum()) for record in fit.records)
     if deviance(fit) - deviance(with_friction) > np.log(samples):
         sentence = (

@@ -212,7 +212,8 @@ def _about(solution: _Solution, fit: Fit, joint: Observation) -> list[Finding]:
     determined = [name for name in solution.motor if solution.is_determined(name)]
     if determined:
         sentence = (
-            f"{_first_upper(_list_text(determined))} come from the model and {joint.sentence or 'the shaft'}."
+            f"{_first_upper(_list_text(determined))} {'comes' if len(determined) == 1 else 'come'} from the model and "
+            f"{joint.sentence or 'the shaft'}."
         )
         findings.append(info("motor-parameters-told", sentence, parameters=tuple(determined)))
     undetermined = [name for name in solution.motor if not solution.determined[name]]

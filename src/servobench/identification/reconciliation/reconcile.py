@@ -9,9 +9,12 @@ import numpy as np
 
 from servobench.core.arguments import check_type
 from servobench.core.errors import NotIdentifiable, UsageError
+from servobench.core.estimate import Estimate
 from servobench.core.finding import Finding, Verdict, info, lower_first, warning
-from servobench.core.rounding import TWO_SIDED
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import TWO_SIDED, plain, rounded_interval, with_unit
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.nominal import nominal_values
 from servobench.identification.reconciliation.base import CAUSES, Question
 from servobench.identification.reconciliation.claim import Claim
 from servobench.identification.reconciliation.explanation import Difference, Explanation
@@ -104,8 +107,8 @@ def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
     """Return what explains the difference between a fit and a data sheet: the causes, their probabilities,
     and a deciding experiment.
 
-    Empty if the data don't determine the values, because then there is no difference to explain. Raises
-    `UsageError` for data in other units than V and rad.
+    Of one value alone, only whether it differs: its cause needs both. Empty if the data determine neither. Raises `UsageError`
+    for data in other units than V and rad.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:
@@ -115,8 +118,9 @@ def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
     ['nominal-agrees']
     """
     check_type("fit", fit, Fit, "the fit of a Result, result.fit")
-    if not all(name in fit.model.names and is_known(fit[name]) for name in ("gain", "time_constant")):
-        return []
+    known = [name for name in ("gain", "time_constant") if name in fit.model.names and is_known(fit[name])]
+    if len(known) < 2:
+        return [_one_alone(name, fit[name], nominal_values(parameters)[name]) for name in known]
     question = about_sheet(fit, parameters)
     difference_text = " ".join(difference_sentences(_differences(question), question))
     if chance_is_enough(question):
@@ -131,6 +135,24 @@ def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
         ),
         info("deciding-experiment", _decisive(causes, hypotheses), parameters=("gain", "time_constant")),
     ]
+
+
+def _one_alone(name: str, estimate: Estimate, nominal: float) -> Finding:
+    """Whether the gain or the time constant, of which the data tell one only, is what a data sheet says."""
+    low, high = estimate.interval
+    words, ratio = parameter_in_words(name, estimate.unit), estimate.value / nominal
+    data = rounded_interval(estimate.value, estimate.interval, estimate.unit)
+    sentence = (
+        f"The {words} from the data is {data}; the data sheet says {with_unit(nominal, estimate.unit, 3)}"
+    )
+    if low <= nominal <= high:
+        return info("nominal-agrees", f"{sentence}, within the interval.", parameters=(name,))
+    times = f"{plain(ratio, 2)} times as much" if ratio > 0 else "of the other sign"
+    return info(
+        "nominal-differs",
+        f"{sentence}, the data {times}. Why can't be said from one of gain and time constant alone.",
+        parameters=(name,),
+    )
 
 
 def _claims(claims: Sequence[Claim | str] | Mapping[str, float], result: Result) -> tuple[Claim, ...]:

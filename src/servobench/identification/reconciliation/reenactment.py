@@ -197,6 +197,7 @@ def _steps_of(fit: Fit, like: Dataset) -> Dataset:
         declared=Chain(),
         applied=like.chain,
         reference=None,
+        current=None,
         findings=(),
     )
     own = np.zeros(len(fit.model.structure.nuisance(drawn)))

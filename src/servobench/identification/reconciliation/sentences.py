@@ -109,7 +109,7 @@ def _first(question: Question, first: JudgedCause) -> str:
             f"{_shares(first.explains)}."
         )
     needed = ""
-    if first.needed is not None:
+    if first.needed is not None and not first.against:
         needed = f" The whole difference would need {size_range_text(first.needed)}."
     likely = ""
     if first.likely is not None and any(map(_has_finite_interval, first.explains)):

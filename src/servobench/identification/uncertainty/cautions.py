@@ -9,7 +9,7 @@ from typing import Any
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import Rounded, rounded_interval
 from servobench.identification.uncertainty.identifiability import State
-from servobench.identification.uncertainty.status_text import at_most
+from servobench.identification.uncertainty.status_text import at_least, at_most
 
 _WHERE = "gain-local"  # the finding that says at which operating point a gain holds
 _CHOICE = "one choice of many that fit the data as well."
@@ -46,8 +46,9 @@ def _open(
         if plain["state"] == State.COMBINATION and plain.get("combination") in combinations:
             together.setdefault(plain["combination"], []).append(words[name])
         elif plain["state"] == State.BOUNDED:
-            upper = at_most(plain["value"], _ends(plain), plain["unit"])
-            yield _sentence(f"{words[name]} isn't known, only that it is {upper}")
+            below = name == "coulomb_voltage" and plain["value"] < 0  # of a motor that turned backwards
+            end = (at_least if below else at_most)(plain["value"], _ends(plain), plain["unit"])
+            yield _sentence(f"{words[name]} isn't known, only that it is {end}")
         else:
             unknown.append(words[name])
     for key, those in together.items():

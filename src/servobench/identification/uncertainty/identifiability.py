@@ -60,6 +60,7 @@ class ParameterStatus:
     """A record's answer for one parameter.
 
     `combination` is the name of the combination that it is known in, `remedy` what would tell it; empty where it is known.
+    `mirrored` says that a bound is the lower end: what a motor that turns backwards loses is below zero.
     """
 
     name: str
@@ -69,6 +70,7 @@ class ParameterStatus:
     """The fit's estimate, whatever it is worth."""
     combination: str = ""
     remedy: str = ""
+    mirrored: bool = False
 
 
 def parameter_statuses(fit: Fit) -> dict[str, ParameterStatus]:
@@ -107,9 +109,12 @@ def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
         )
     if _is_known(fit, name, estimate, among):
         return ParameterStatus(name=name, state=State.KNOWN, estimate=estimate)
-    bounded = all(map(np.isfinite, estimate.interval)) and 0 < estimate.interval[1] <= _largest(fit, name)
+    low, high = estimate.interval
+    mirrored = name in _FRICTION and drive_level(fit) * sense_of_friction(fit, drive_level(fit)) < 0
+    end = -low if mirrored else high
+    bounded = np.isfinite([low, high]).all() and 0 < end <= _largest(fit, name)
     state = State.BOUNDED if bounded else State.UNKNOWN
-    return ParameterStatus(name=name, state=state, estimate=estimate, remedy=_remedy(name))
+    return ParameterStatus(name=name, state=state, estimate=estimate, remedy=_remedy(name), mirrored=mirrored)
 
 
 def may_be_zero(gain: ParameterStatus) -> bool:
@@ -160,9 +165,9 @@ def _relative(estimate: Estimate) -> float:
 
 def _remedy(name: str) -> str:
     if name in ("time_constant", "delay"):
-        return "steps, sampled at least ten times in a time constant"
+        return "steps that are sampled at least ten times in a time constant"
     if name == "gain" or name in _FRICTION:
-        return "a second level of the input, or coasting"
+        return "a second level of the input or coasting"
     return "a longer record whose input changes often"
 
 

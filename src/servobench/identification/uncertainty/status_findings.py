@@ -50,10 +50,12 @@ def _together(known: Combination, answers: Mapping[str, ParameterStatus]) -> Fin
 def _alone(answer: ParameterStatus) -> Finding:
     name = parameter_in_words(answer.name, answer.estimate.unit)
     if answer.state is State.BOUNDED:
-        sentence = f"The data show only that the {name} is {in_words(answer)}"
+        sentence = (
+            f"The data show only that the {name} is {in_words(answer)}; {answer.remedy} would tell more."
+        )
     else:
-        sentence = f"The data don't determine the {name}"
-    return info("parameter-unknown", f"{sentence}; {answer.remedy} would.", parameters=(answer.name,))
+        sentence = f"The data don't determine the {name}; {answer.remedy} would."
+    return info("parameter-unknown", sentence, parameters=(answer.name,))
 
 
 def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:

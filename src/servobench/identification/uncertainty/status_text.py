@@ -13,8 +13,17 @@ def in_words(answer: ParameterStatus | None) -> str:
     if answer.state is State.COMBINATION:
         return "known together only"
     if answer.state is State.BOUNDED:
-        return at_most(answer.estimate.value, answer.estimate.interval, answer.estimate.unit)
+        estimate = answer.estimate
+        bound = at_least if answer.mirrored else at_most
+        return bound(estimate.value, estimate.interval, estimate.unit)
     return "not known"
+
+
+def at_least(value: float, interval: tuple[float, float], unit: str) -> str:
+    """Return the lower end of an interval in the same way as `at_most` its upper one."""
+    low, high = interval
+    rounded = rounded_interval(value, (low, 2.0 * value - low if low < value else high), unit)
+    return f"at least {rounded.low} {rounded.unit}".rstrip()
 
 
 def at_most(value: float, interval: tuple[float, float], unit: str) -> str:

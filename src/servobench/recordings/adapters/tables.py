@@ -11,10 +11,11 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.core.finding import info
+from servobench.core.finding import Finding, info
 from servobench.recordings.adapters.base import ADAPTERS
-from servobench.recordings.cells import to_numbers
+from servobench.recordings.cells import mostly_numbers, to_numbers
 from servobench.recordings.formats.columns import Column, heading, quote, recording_of
+from servobench.recordings.formats.times import in_words
 from servobench.recordings.recording import Recording, Source
 
 
@@ -39,9 +40,12 @@ class Tables:
 
     def recordings(self, data: Any) -> tuple[Recording, ...]:
         """Return the table as a recording; raises `UsageError` where it has no column of numbers."""
-        columns, left_out = [], []
+        columns, left_out, findings = [], [], []
         for name, cells in _columns(data):
             values, is_time = _numbers(name, cells)
+            if values is None:
+                values, texts = mostly_numbers(cells)
+                findings += [_about_texts(name, texts)] if texts else []
             if values is None:
                 left_out.append(name)
             else:
@@ -58,11 +62,10 @@ class Tables:
             raise UsageError(
                 f"the columns of the {kind} have {lengths[0]} to {lengths[-1]} rows; expected as many in each"
             )
-        findings = (
-            [info("columns-not-numbers", f"No numbers are in {quote(left_out)}; they are left out.")]
-            if left_out
-            else []
-        )
+        if left_out:
+            findings.append(
+                info("columns-not-numbers", f"No numbers are in {quote(left_out)}; they are left out.")
+            )
         return (
             recording_of(columns, name=kind, source=Source(name=kind, format="memory"), findings=findings),
         )
@@ -128,3 +131,10 @@ def _numbers(name: str, cells: Any) -> tuple[Array | None, bool]:
             f"the column {name!r} has shape {values.shape}; expected one value in each row, (N,)"
         )
     return values, is_time
+
+
+def _about_texts(name: str, texts: Mapping[int, str]) -> Finding:
+    first = next(iter(texts.values()))
+    rows = in_words(np.array(list(texts), dtype=np.int64) + 1)
+    sentence = f"Text where a number should be, such as {first[:40]!r}, read as NaN: {rows}, in `{name}`."
+    return info("cell-not-a-number", sentence)

@@ -148,9 +148,12 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
 
 
 def _file_of(path: Path) -> Path:
-    """The file that is read: of a folder that is a bag of ROS 2 its metadata."""
+    """The file that is read: of a folder that is a bag of ROS 2 its metadata, of that of a run its recording."""
     # Of a name that no file can have, `Path.is_dir` raises an error.
-    return (metadata_in(path) or path) if os.path.isdir(path) else path
+    if not os.path.isdir(path):
+        return path
+    recorded = path / "recording.mcap"
+    return metadata_in(path) or (recorded if recorded.is_file() else path)
 
 
 def _checksum(file: Path, head: bytes) -> str:
@@ -165,8 +168,6 @@ def _checksum(file: Path, head: bytes) -> str:
 
 def _in_folder(folder: Path) -> str:
     """An example of a file in a folder that was named in place of one, and what to do with several."""
-    if (folder / "recording.mcap").exists():
-        return f", such as {folder / 'recording.mcap'}"
     suffixes = {suffix for name in FORMATS.names() for suffix in FORMATS[name].suffixes}
     files = sorted(each for each in folder.iterdir() if each.is_file() and not each.name.startswith("."))
     inside = [each for each in files if each.suffix.lower() in suffixes] or files

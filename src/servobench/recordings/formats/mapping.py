@@ -150,7 +150,7 @@ def _choose_and_time(
     series = {role: part.series for role, part in parts.items()}
     if {"input", "output"} <= series.keys():
         name, sign = series["input"].channel.name, missing_sign(recording, series["input"], series["output"])
-        if sign:
+        if sign and sign != name:
             missing.append(
                 f"the sign of the input `{name}`: it is never negative, but the shaft turns both ways, as `{sign}` says; say "
                 f"`input={shell_text(f'{name}*{sign}:UNIT')}`"

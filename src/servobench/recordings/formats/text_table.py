@@ -288,12 +288,18 @@ def _first_row_of_numbers(content: Sequence[str], layout: Layout, name: str) -> 
 
 
 def _with_ragged_rows(content: Sequence[str], start: int, layout: Layout) -> int:
-    """The first row of numbers, rows of the wrong length included that stand between the names of the columns and the others."""
+    """The first row of numbers, those included between the names of the columns and it that are too short, or hold a text."""
     first = start
-    while first > 0 and all(map(layout.is_number, cells := layout.cells(content[first - 1]))) and cells:
+    while first > 0 and _holds_numbers(layout.cells(content[first - 1]), layout):
         first -= 1
     # Below anything else a number may be one of rows, or of samples a second.
     return first if first > 0 and _are_names(_names_in(content[first - 1], layout), layout) else start
+
+
+def _holds_numbers(cells: Sequence[str], layout: Layout) -> bool:
+    """Whether cells are numbers only, or a row of which at least half are."""
+    count = sum(map(layout.is_number, cells))
+    return count > 0 and (count == len(cells) or (len(cells) == layout.columns and 2 * count >= len(cells)))
 
 
 def _without_trailing(content: Sequence[str], above: Sequence[str], layout: Layout) -> Layout:

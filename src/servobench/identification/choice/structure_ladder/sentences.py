@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import instead_of, with_unit
+from servobench.core.rounding import change_text, with_unit
 from servobench.core.rounding import plain as number
 from servobench.identification.choice.structure_ladder.trial import TERMS, Rung, amount
 from servobench.identification.estimators.base import Fit
@@ -71,7 +71,7 @@ def _benefit_text(rung: Rung, plain: Fit, fit: Fit) -> str:
         )
     return (
         f"Without it the simulation explains {percents[0]} % of the output, with it {percents[1]} %, and the gain would be "
-        f"{instead_of(fit.model['gain'], rung.fit.model['gain'])}."
+        f"{change_text(fit.model['gain'], rung.fit.model['gain'])}."
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, warning
-from servobench.core.rounding import TWO_SIDED, instead_of
+from servobench.core.rounding import TWO_SIDED, change_text
 from servobench.core.rounding import plain as number
 from servobench.identification.choice.structure_ladder.comparison import deviance, shifts_parameters, worth_it
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
@@ -166,7 +166,7 @@ def feedback_refusal(term: str, allowed: Fit, fit: Fit) -> tuple[str, Finding | 
         return doubt, None
     sentence = (
         f"This closed loop doesn't show whether there is {TERMS[term]}: with it the gain would be "
-        f"{instead_of(allowed.model['gain'], fit.model['gain'])}. Chance alone seldom gives a likelihood ratio of "
+        f"{change_text(allowed.model['gain'], fit.model['gain'])}. Chance alone seldom gives a likelihood ratio of "
         f"{number(worth, 2)} (it exceeds {number(chance, 2)} once in 20 runs), but the controller responds to a random torque: "
         "record a longer run, larger steps, or one in open loop."
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, refusal, warning
-from servobench.core.rounding import plain
+from servobench.core.rounding import plain, with_unit
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
@@ -30,6 +30,9 @@ _ARRIVED = 0.05  # of the range: as near to its reference as a loop comes before
 _WOULD_GO = 10.0  # quanta that the shaft would go at its top speed one way: on fewer it may have turned round
 _LATE = 2  # samples of delay, as a loop often has them
 _PART = 0.05  # of the record, for a blocked shaft
+_ALTERNATES = 0.1  # of the largest input, as its standard deviation
+_ONE_STEP = 0.51  # quanta by which even motion may be off its line: half a step, and what a line of least squares adds
+_ROUNDING = 1e-9  # of the range
 _TURNS_WITHIN = (
     3.0  # quanta: a shaft that goes no farther before and after it turned round may have done so unseen
 )
@@ -48,6 +51,26 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
     return [finding for record in records for finding in _of(record)]
 
 
+def _runs_on(data: Dataset, quantum: float) -> bool:
+    """Whether a position goes on at one speed, to within its steps, under an input of which much is alternating."""
+    if data.kind != "position" or np.std(data.u) <= _ALTERNATES * np.abs(data.u).max():
+        return False
+    t = data.t_output - data.t_output.mean()
+    away = data.y - data.y.mean() - t * float(t @ data.y) / float(t @ t)
+    return bool(np.abs(away).max() <= max(_ONE_STEP * quantum, _ROUNDING * np.ptp(data.y)))
+
+
+def _unmoved(data: Dataset) -> Finding:
+    low, high = plain(data.u.min(), 3), plain(data.u.max(), 3)
+    speed = (data.y[-1] - data.y[0]) / (data.t_output[-1] - data.t_output[0])
+    sentence = (
+        f"{data.name}: the shaft turns at {with_unit(float(speed), f'{data.position_unit}/s', 3)} all the time, although the "
+        f"input goes from {low} to {high} {data.input_unit}: the input and the output don't belong together, or something else "
+        "drives the shaft."
+    )
+    return refusal("output-still", sentence)
+
+
 def _of(data: Dataset) -> list[Finding]:
     if not np.ptp(np.append(data.u, data.input_before)) > 0 or len(data.y) < 20:
         return []
@@ -62,6 +85,8 @@ def _of(data: Dataset) -> list[Finding]:
             "than one step of the sensor."
         )
         return [refusal("output-still", sentence)]
+    if _runs_on(data, quantum):
+        return [_unmoved(data)]
     flats = _flats(data, quantum)
     return _clipping(data, flats, quantum) or _pile_up(data, quantum) or _stops(data, flats, quantum)
 

@@ -17,6 +17,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _FASTEST = 3500.0  # rad/s, 33,000 rpm: small motors with an encoder reach it; a servo motor in degrees seems to go beyond
 _VOLTAGES = (0.05, 1000.0)  # V: less moves no motor, more is for locomotives
+_WHOLE = 105.0  # %: a duty is never more than 100, but for a percent or two of an amplifier's own scale
 _SLOWEST = 30.0  # s: a time constant of half a minute is a flywheel's
 
 
@@ -29,6 +30,12 @@ def _about_data(records: Sequence[Dataset]) -> list[Finding]:
 
 def _input_size(data: Dataset) -> list[Finding]:
     largest = float(np.abs(data.u).max(initial=0.0))
+    if data.input_unit == "%" and largest > _WHOLE:
+        sentence = (
+            f"{data.name}: the duty reaches {plain(largest, 4)} %, more than the whole: these may be steps of a timer, such as "
+            "255 for 100 %. Say what they are, `input=COL:PWM/255`, or in which unit: `input=COL:UNIT`."
+        )
+        return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
     if data.input_unit != "V" or largest == 0 or _VOLTAGES[0] <= largest <= _VOLTAGES[1]:
         return []
     other = "V read as mV" if largest < 1 else "mV read as V, or input and output swapped"
