@@ -7,6 +7,7 @@ import math
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +104,7 @@ def test_every_file_says_what_the_data_do_not_determine(target: str) -> None:
 
     assert "The time constant isn't known by itself; time constant + delay is" in text
     assert "The Coulomb voltage isn't known, only that it is at most 0.41 V." in text
-    assert "Their values are one choice of many that fit the data as well." in text
+    assert re.search("The values of .* and .* are one choice of many that fit the data as well", text)
     assert "elsewhere the motor isn't known" in text
 
 
@@ -323,6 +324,20 @@ def test_mujoco_s_joint_moves_as_the_motor(answer: ResultSummary) -> None:
         mujoco.mj_step(model, data)
     # Soft friction creeps a little where real friction holds.
     assert abs(float(data.sensor("speed").data[0])) < 0.01 * GAIN * COULOMB
+
+
+def test_mujoco_names_the_inertia_that_the_result_has(answer: ResultSummary) -> None:
+    inertia = {
+        "value": 2.0943e-5,
+        "sd": 5e-9,
+        "interval": [2.093e-5, 2.095e-5],
+        "level": 0.95,
+        "unit": "kg·m²",
+    }
+    document = {**answer.document, "motor_parameters": {"inertia": inertia}}
+
+    with pytest.raises(UsageError, match="this result has one: give `inertia=2.094e-05`"):
+        rendered(replace(answer, document=document), "mujoco", Wishes())
 
 
 def test_mujoco_asks_for_the_inertia(answer: ResultSummary) -> None:

@@ -62,6 +62,12 @@ class Mujoco:
         if position not in kinds:
             raise UsageError(f"mujoco takes positions in rad or m, and this result has them in {position}")
         motor = first_order_motor(answer, "mujoco")
+        found = (answer.document.get("motor_parameters") or {}).get("inertia")
+        if wishes.inertia is None and found is not None:
+            raise UsageError(
+                f"mujoco needs the inertia of all that moves; this result has one: give `inertia={found['value']:.4g}` "
+                f"({kinds[position][1]})"
+            )
         if wishes.inertia is None:
             raise UsageError(
                 "mujoco needs an inertia, which voltage and motion alone don't determine: give `inertia=...`, such "

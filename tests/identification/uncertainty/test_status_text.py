@@ -53,6 +53,16 @@ def test_motors_are_told_apart_by_a_hundredth_of_a_percent_at_best() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [(State.KNOWN, "to simulate (it"), (State.COMBINATION, "to simulate motion like this record's (it")],
+)
+def test_a_model_without_a_gain_of_its_own_simulates_what_it_saw(state: State, expected: str) -> None:
+    gain = answer("gain", 50.0, (40.0, 60.0), "rad/(s·V)", state)
+
+    assert expected in good_for({"gain": gain}, (), 76.9, 0.002)
+
+
 def test_what_a_motor_loses_that_turns_backwards_has_a_lower_end() -> None:
     """The constant that stands for friction then is below zero: it may be as much as 0.33 V."""
     given = answer("coulomb_voltage", -0.161, (-0.331, 0.0087), "V", State.BOUNDED)

@@ -29,7 +29,9 @@ def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:
     ]
     sentences = list(_open(open_ones, parameters, document.get("combinations") or {}))
     if sentences:
-        sentences.append(f"{'Its value is' if len(open_ones) == 1 else 'Their values are'} {_CHOICE}")
+        words = _list_text([parameter_in_words(name, parameters[name]["unit"]) for name in open_ones])
+        values = f"value of the {words} is" if len(open_ones) == 1 else f"values of {words} are"
+        sentences.append(f"The {values} {_CHOICE}")
     found = [each["sentence"] for each in document.get("findings", []) if each.get("code") == _WHERE]
     return (*sentences, *found)
 

@@ -26,17 +26,19 @@ def good_for(
     the data's `sample_time` [s] is tuned up to a fifth of half its sample rate.
     """
     loop = _loop(answers, combinations, _OF_NYQUIST * math.pi / sample_time)
-    uses = [*_simulation(predicts), *loop, *_comparison(answers, combinations)]
+    uses = [*_simulation(answers, predicts), *loop, *_comparison(answers, combinations)]
     if not uses:
         return ""
     listed = f"{', '.join(uses[:-1])}, and {uses[-1]}" if len(uses) > 1 else uses[0]
     return f"Good enough {listed}."
 
 
-def _simulation(predicts: float) -> list[str]:
+def _simulation(answers: Mapping[str, ParameterStatus], predicts: float) -> list[str]:
+    """Whether it simulates anything, or only what is like the record, where the gain isn't known by itself."""
     if not predicts > _SIMULATES:
         return []
-    return [f"to simulate (it predicts {math.floor(predicts)} % of what it wasn't fitted to)"]
+    what = "to simulate" if _is_known(answers, "gain") else "to simulate motion like this record's"
+    return [f"{what} (it predicts {math.floor(predicts)} % of what it wasn't fitted to)"]
 
 
 def _loop(
