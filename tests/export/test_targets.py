@@ -336,7 +336,7 @@ def test_mujoco_names_the_inertia_that_the_result_has(answer: ResultSummary) -> 
     }
     document = {**answer.document, "motor_parameters": {"inertia": inertia}}
 
-    with pytest.raises(UsageError, match="this result has one: give `inertia=2.094e-05`"):
+    with pytest.raises(UsageError, match=r"has one: give `inertia=2\.094e-05`"):
         rendered(replace(answer, document=document), "mujoco", Wishes())
 
 
