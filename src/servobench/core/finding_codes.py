@@ -155,6 +155,8 @@ _TABLE = (
         "Take an estimator that models friction."),
     FindingCode("friction-leaves-error", "Without an integral part friction leaves a steady error.",
         "Add an integral part if the error matters."),
+    FindingCode("friction-left-out", "The requested structure lacks the friction that the data need.",
+        "Take first_order_coulomb."),
     FindingCode("friction-not-found", "The data show no Coulomb friction."),
     FindingCode("friction-possible", "There may be friction, but the data can't show it.", "Record reversals at low speed."),
     FindingCode("gain-falls", "The gain falls as the input grows.",

@@ -20,6 +20,7 @@ from tests.identification.uncertainty.test_systematic_torque import FRICTION, GA
 from tests.identification.uncertainty.test_systematic_torque import turned as finely_stepped
 from tests.recordings.measurement.test_measure import recording
 from tests.rig.motor.odd_motor import OddMotor, odd_record
+from tests.rig.motor.reference import Truth
 
 RUNGS = {"stribeck-found", "gravity-found", "friction-asymmetric", "load-friction-found"}
 # The reference meets a delay and a stop to within its step of 10 µs, which is a part in 10,000 of τ and of most other parameters.
@@ -255,3 +256,21 @@ def test_a_shaft_that_stops_at_the_very_end_has_friction_that_holds_it(seed: int
     assert result.fit is not None
     assert result.fit.structure == "first_order_one_way_rest"
     check(result, gain=GAIN, time_constant=TAU, coulomb_voltage=FRICTION)
+
+
+def test_a_requested_structure_without_the_friction_that_the_data_need_is_doubted() -> None:
+    u = np.repeat(np.random.default_rng(1).choice([-4.0, 4.0], 40), 60)
+    rough, smooth = (
+        dataset(seed=1, u=u, samples=len(u), truth=Truth(coulomb_torque=torque)) for torque in (8e-4, 0.0)
+    )
+
+    asked, auto, free = (
+        identify(rough, "first_order"), identify(rough), identify(smooth, "first_order"),
+    )  # fmt: skip
+
+    assert "friction-left-out" in codes(asked)
+    assert asked.verdict == Verdict.DOUBTFUL
+    assert auto.fit is not None
+    assert asked.fit is not None
+    assert abs(asked.fit["gain"].value - 23.697) > 3 * auto.fit["gain"].sd
+    assert not {"friction-left-out"} & (codes(auto) | codes(free))

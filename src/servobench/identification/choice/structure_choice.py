@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.core.finding import Finding, info
+from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import change_text
 from servobench.identification.choice.computed_data import about_computed, fit_to_computed
 from servobench.identification.choice.structure_ladder.comparison import (
@@ -99,8 +99,14 @@ def choose_structure(
     """
     if structure != "auto":
         _check_combination(method, STRUCTURES[structure], data, estimator)
-        fit = allow(fit_structure(method, STRUCTURES[structure], data))
-        return Choice(fit=fit, causes=Causes(tuple(data)), shown=score_terms(fit))
+        simple = fit_structure(method, STRUCTURES[structure], data)
+        fit = allow(simple)
+        return Choice(
+            fit=fit,
+            causes=Causes(tuple(data)),
+            shown=score_terms(fit),
+            findings=_friction_left_out(method, data, simple),
+        )
     base = _base(method, data)
     computed = fit_to_computed(method, data, base.fit)
     if computed is not None:
@@ -116,6 +122,26 @@ def _check_combination(
     hindrance = method.supports(structure, data) if estimator != "auto" else None
     if hindrance is not None:
         raise UsageError(hindrance.sentence)
+
+
+def _friction_left_out(method: Estimator, data: Sequence[Dataset], simple: Fit) -> tuple[Finding, ...]:
+    """A warning where the structure that was requested has no friction, and the data need it."""
+    if simple.structure != "first_order" or not turns_both_ways(data):
+        return ()
+    try:
+        with_friction = fit_structure(method, STRUCTURES["first_order_coulomb"], data)
+    except NotIdentifiable:
+        return ()
+    if not (better(with_friction, simple) and shifts_parameters(with_friction, simple)):
+        return ()
+    gain = change_text(with_friction.model["gain"], simple.model["gain"])
+    shares = [f"{np.floor(100 * fit.fit_percent) / 100:.2f} %" for fit in (with_friction, simple)]
+    sentence = (
+        "These data need Coulomb friction, which this structure lacks: with it the simulation explains "
+        f"{' of the output instead of '.join(shares)}, and the gain would be {gain}. "
+        "Use `structure=first_order_coulomb`, or leave the choice to the program."
+    )
+    return (warning("friction-left-out", sentence, parameters=("gain", "time_constant")),)
 
 
 def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
