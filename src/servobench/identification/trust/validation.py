@@ -8,7 +8,7 @@ from servobench.core.arguments import check_type
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info, warning
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.estimators.disturbance import innovations_of_blocks
+from servobench.identification.estimators.disturbance import Disturbance, innovations_of_blocks
 from servobench.identification.estimators.prediction_error import rounding_explains
 from servobench.identification.estimators.residual_correlation import TIED, input_correlation
 
@@ -19,6 +19,7 @@ _ROUNDING = 1.2
 # Of χ² with 20 degrees of freedom, for means over blocks. What is left there of an encoder's rounding reached 170 in 420 records
 # under a white torque; a torque with a memory of 0.5 s makes 260 to 2400.
 _SLOW = 200.0
+_MANY = 100  # blocks, five times the lags: of fewer, whiteness shows little
 
 
 def validate(fit: Fit) -> tuple[Finding, ...]:
@@ -69,24 +70,24 @@ def explains_the_colour(fit: Fit) -> bool:
     """Return whether nothing but white noise or the encoder's rounding is left of the innovations.
 
     The rounding of an ideal encoder is coloured by nature, but hardly at the low frequencies that carry the parameters. Beside a
-    disturbance these frequencies are examined by themselves: a torque that isn't white may hide below the rounding.
+    disturbance these frequencies are examined by themselves: a torque that isn't white may hide below the rounding. Where they
+    are white over many blocks, the samples need not be: those of a rest all have one rounding error.
     """
     if fit.disturbance is not None:
-        slow = max(_slow_colour(fit, record) for record in fit.records)
-        if slow > _SLOW or slow <= _CHI2_99:
+        blocks = [_innovations_of_blocks(fit, record, fit.disturbance) for record in fit.records]
+        slow = max(map(_whiteness, blocks))
+        if slow > _SLOW or (slow <= _CHI2_99 and min(map(len, blocks)) >= _MANY):
             return slow <= _CHI2_99
     if is_rounding(fit):
         return True
     return max(_whiteness(record.innovations[record.valid]) for record in fit.records) <= _CHI2_99
 
 
-def _slow_colour(fit: Fit, record: FittedRecord) -> float:
-    """The statistic of the whiteness of the innovations of blocks, where a fit has a disturbance."""
-    if fit.disturbance is None:
-        return 0.0
+def _innovations_of_blocks(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> Array:
+    """The innovations of blocks (B,) of a record of a fit that has a disturbance."""
     theta = np.concatenate([fit.model.theta, record.nuisance])
     moving = fit.model.structure.sliding(theta, record.data)
-    return _whiteness(innovations_of_blocks(record.residual, record.data, moving, fit.disturbance))
+    return innovations_of_blocks(record.residual, record.data, moving, disturbance)
 
 
 def is_rounding(fit: Fit) -> bool | None:

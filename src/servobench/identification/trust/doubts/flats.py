@@ -60,7 +60,7 @@ def _runs_on(data: Dataset, quantum: float) -> bool:
     return bool(np.abs(away).max() <= max(_ONE_STEP * quantum, _ROUNDING * np.ptp(data.y)))
 
 
-def _unmoved(data: Dataset) -> Finding:
+def _even_motion(data: Dataset) -> Finding:
     low, high = plain(data.u.min(), 3), plain(data.u.max(), 3)
     speed = (data.y[-1] - data.y[0]) / (data.t_output[-1] - data.t_output[0])
     sentence = (
@@ -86,7 +86,7 @@ def _of(data: Dataset) -> list[Finding]:
         )
         return [refusal("output-still", sentence)]
     if _runs_on(data, quantum):
-        return [_unmoved(data)]
+        return [_even_motion(data)]
     flats = _flats(data, quantum)
     return _clipping(data, flats, quantum) or _pile_up(data, quantum) or _stops(data, flats, quantum)
 
