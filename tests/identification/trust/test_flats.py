@@ -231,3 +231,5 @@ def test_a_shaft_that_turns_evenly_under_an_alternating_input_is_none_of_its_own
     assert told(even) == {"output-still"}
     assert "output-still" not in told(replace(even, u=np.full(800, 3.0), input_before=3.0))
     assert "output-still" not in told(replace(even, y=y + np.linspace(0.0, 0.2, 800) ** 2))
+    assert "output-still" not in told(replace(even, u=np.tile([6.0, 0.0], 400)))  # too fast for a motor
+    assert "output-still" not in told(replace(even, y=np.round(y / 3.0), quantum=1.0))  # four counts

@@ -30,7 +30,9 @@ _ARRIVED = 0.05  # of the range: as near to its reference as a loop comes before
 _WOULD_GO = 10.0  # quanta that the shaft would go at its top speed one way: on fewer it may have turned round
 _LATE = 2  # samples of delay, as a loop often has them
 _PART = 0.05  # of the record, for a blocked shaft
-_ALTERNATES = 0.1  # of the largest input, as its standard deviation
+_PARTS = 8  # of a record: an input that alternates within them may be too fast for a motor
+_ALTERNATES = 0.1  # of the largest input, as the standard deviation of its means over the parts
+_COUNTED = 50.0  # quanta that show whether a motion is even
 _ONE_STEP = 0.51  # quanta by which even motion may be off its line: half a step, and what a line of least squares adds
 _ROUNDING = 1e-9  # of the range
 _TURNS_WITHIN = (
@@ -52,8 +54,10 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 
 
 def _runs_on(data: Dataset, quantum: float) -> bool:
-    """Whether a position goes on at one speed, to within its steps, under an input of which much is alternating."""
-    if data.kind != "position" or np.std(data.u) <= _ALTERNATES * np.abs(data.u).max():
+    """Whether a position goes on at one speed, to within its steps, while the input differs from part to part of the record."""
+    levels = [part.mean() for part in np.array_split(data.u, _PARTS)]
+    alternates = np.std(levels) > _ALTERNATES * np.abs(data.u).max()
+    if data.kind != "position" or not alternates or np.ptp(data.y) <= _COUNTED * quantum:
         return False
     t = data.t_output - data.t_output.mean()
     away = data.y - data.y.mean() - t * float(t @ data.y) / float(t @ t)
