@@ -36,7 +36,7 @@ def shaft_and_current(fit: Fit) -> Observation:
     if used and line is not None:
         spread[-2:, -2:] += line.covariance[:2, :2]
     if not (np.isfinite(values).all() and np.isfinite(spread).all() and (np.diag(spread) > 0).all()):
-        return nothing(_not_told("the model isn't known well enough; the other findings say why"))
+        return nothing(_about_parameters("the model isn't known well enough; the other findings say why"))
     return Observation(
         laws=_laws(fit, used),
         values=values,
@@ -58,7 +58,7 @@ def _hindrance(fit: Fit) -> Finding | None:
         why = f"the {_unknown(fit)} isn't known to within half its value"
     else:
         return None
-    return _not_told(why)
+    return _about_parameters(why)
 
 
 def _unknown(fit: Fit) -> str:
@@ -67,7 +67,7 @@ def _unknown(fit: Fit) -> str:
     return parameter_in_words(vague[0]) if vague else ""
 
 
-def _not_told(why: str) -> Finding:
+def _about_parameters(why: str) -> Finding:
     return info("motor-parameters-not-told", f"The motor's own parameters can't be found: {why}.")
 
 

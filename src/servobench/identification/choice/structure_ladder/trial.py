@@ -72,10 +72,10 @@ def try_rung(
     plain: Fit,
     fit: Fit,
     term: str,
-    asked: bool,
+    is_significant: bool,
     allow: Callable[[Fit], Fit],
 ) -> Rung:
-    """Return the rung with a term, fitted, and what speaks against it; `asked` says that a score test calls for it.
+    """Return the rung with a term, fitted, and what speaks against it; `is_significant` says that a score test calls for it.
 
     `plain` is the fit below it as it is, `fit` as it is allowed for, by `allow`.
     """
@@ -89,29 +89,31 @@ def try_rung(
             return Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
         if method is ESTIMATORS["output_error"]:
             # Most rungs end here; their intervals near bounds, which aren't shown, would take longer than everything else.
-            doubt = _early_doubt(term, asked, fit_minimum_roughly(structure, data, nearest), plain, fit)
+            doubt = _early_doubt(
+                term, is_significant, fit_minimum_roughly(structure, data, nearest), plain, fit
+            )
             if doubt:
                 return Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         richer = method.fit(structure, data, (nearest.theta,))
-        doubt = _early_doubt(term, asked, richer, plain, fit)
+        doubt = _early_doubt(term, is_significant, richer, plain, fit)
         if doubt:
             return Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         allowed = allow(richer)
     except NotIdentifiable as error:
         return Rung(term=term, plain=plain, fit=fit, doubt=str(error))
-    doubt, hidden = _doubt(term, asked, richer, allowed, fit), None
+    doubt, hidden = _doubt(term, is_significant, richer, allowed, fit), None
     if not doubt:
         doubt, hidden = feedback_refusal(term, allowed, fit)
     return Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
 
 
-def _early_doubt(term: str, asked: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
+def _early_doubt(term: str, is_significant: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
     """The reason against a rung that shows before a disturbance of the motor is allowed for; empty if there is none."""
-    doubt = _doubt(term, asked, richer, richer, fit)
+    doubt = _doubt(term, is_significant, richer, richer, fit)
     if not doubt and _at_the_edge(richer, plain):
         doubt = "it drives a parameter to the limit of its range"
     if not doubt and not explains_the_colour(richer):
-        doubt = _doubt(term, asked, richer, _copy_allowance(richer, plain, fit), fit)
+        doubt = _doubt(term, is_significant, richer, _copy_allowance(richer, plain, fit), fit)
     return doubt
 
 
@@ -124,7 +126,7 @@ def _copy_allowance(richer: Fit, plain: Fit, fit: Fit) -> Fit:
     return replace(richer, covariance=max([1.0, *factors]) ** 2 * richer.covariance)
 
 
-def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
+def _doubt(term: str, is_significant: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
     """The reason against a rung even though it explains more; empty if there is none.
 
     A term of unknown size is only kept if the data need it and its absence would move gain or time constant.
@@ -137,7 +139,7 @@ def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
     if any(not allowed.sd(n) < 0.5 * abs(allowed.model[n]) for n in ("gain", "time_constant")):
         return "gain and time constant could no longer be determined"
     value, sd = amount(term, allowed)
-    if not sd < 0.5 * value and not (asked and shifts_parameters(allowed, fit)):
+    if not sd < 0.5 * value and not (is_significant and shifts_parameters(allowed, fit)):
         return f"its size isn't significantly different from zero ({number(value, 2)} ± {number(TWO_SIDED * sd, 1)})"
     return ""
 
