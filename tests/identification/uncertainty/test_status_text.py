@@ -9,6 +9,7 @@ import pytest
 
 from servobench.core.estimate import Estimate
 from servobench.identification.identify import identify
+from servobench.identification.uncertainty.cautions import cautions
 from servobench.identification.uncertainty.identifiability import ParameterStatus, State
 from servobench.identification.uncertainty.purpose import good_for
 from servobench.identification.uncertainty.status_text import in_words
@@ -69,15 +70,16 @@ def test_what_a_motor_loses_that_turns_backwards_has_a_lower_end() -> None:
     assert in_words(replace(given, mirrored=True)) == "at least −0.33 V"
 
 
-def test_of_a_motor_that_turned_backwards_at_least_so_much_is_said() -> None:
-    """Two levels, both below zero, for a few samples: the friction may be none."""
-    u = np.repeat([-2.0, -1.9], [30, 20])
-    truth = Truth(coulomb_torque=8e-4)
-    data = dataset(seed=2, samples=50, u=u, truth=truth)
-    found = identify(data)
-    assert found.fit is not None
-    assert found.fit.structure.startswith("first_order_one_way")
+@pytest.mark.parametrize(("sense", "words"), [(1, "at most"), (-1, "at least")])
+def test_a_bound_is_the_end_on_the_side_to_which_the_motor_turned(sense: int, words: str) -> None:
+    """Two levels for 80 ms each: the friction of 0.16 V may be none. An export's file says the same as the table."""
+    u = sense * np.repeat([2.0, 1.5], 40)
+    found = identify(dataset(seed=1, samples=80, u=u, truth=Truth(coulomb_torque=8e-4)))
 
     friction = found.answers["coulomb_voltage"]
 
-    assert friction.state is not State.BOUNDED or in_words(friction).startswith("at least −")
+    assert friction.state is State.BOUNDED
+    low, high = friction.estimate.interval
+    assert low < sense * 0.16 < high
+    assert in_words(friction).startswith(words)
+    assert any(in_words(friction) in sentence for sentence in cautions(found.to_dict(derived=False)))

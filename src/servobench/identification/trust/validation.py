@@ -76,8 +76,10 @@ def explains_the_colour(fit: Fit) -> bool:
     if fit.disturbance is not None:
         blocks = [_innovations_of_blocks(fit, record, fit.disturbance) for record in fit.records]
         slow = max(map(_whiteness, blocks))
-        if slow > _SLOW or (slow <= _CHI2_99 and min(map(len, blocks)) >= _MANY):
-            return slow <= _CHI2_99
+        if slow > _SLOW:
+            return False
+        if slow <= _CHI2_99 and min(map(len, blocks)) >= _MANY:
+            return True
     if is_rounding(fit):
         return True
     return max(_whiteness(record.innovations[record.valid]) for record in fit.records) <= _CHI2_99

@@ -9,7 +9,7 @@ from typing import Any
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import Rounded, rounded_interval
 from servobench.identification.uncertainty.identifiability import State
-from servobench.identification.uncertainty.status_text import at_least, at_most
+from servobench.identification.uncertainty.status_text import bound_text
 
 _WHERE = "gain-local"  # the finding that says at which operating point a gain holds
 _CHOICE = "one choice of many that fit the data as well."
@@ -27,7 +27,7 @@ def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:
         for name, each in parameters.items()
         if name != "delay" and each.get("state", State.KNOWN) != State.KNOWN
     ]
-    sentences = list(_open(open_ones, parameters, document.get("combinations") or {}))
+    sentences = list(_open(open_ones, document))
     if sentences:
         words = _list_text([parameter_in_words(name, parameters[name]["unit"]) for name in open_ones])
         values = f"value of the {words} is" if len(open_ones) == 1 else f"values of {words} are"
@@ -36,10 +36,9 @@ def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:
     return (*sentences, *found)
 
 
-def _open(
-    names: Sequence[str], parameters: Mapping[str, Any], combinations: Mapping[str, Any]
-) -> Iterator[str]:
+def _open(names: Sequence[str], document: Mapping[str, Any]) -> Iterator[str]:
     """A sentence for each combination that parameters are known in, each bound, and those that aren't known at all."""
+    parameters, combinations = document["parameters"], document.get("combinations") or {}
     words = {name: f"the {parameter_in_words(name, parameters[name]['unit'])}" for name in names}
     unknown = []
     together: dict[str, list[str]] = {}
@@ -48,8 +47,8 @@ def _open(
         if plain["state"] == State.COMBINATION and plain.get("combination") in combinations:
             together.setdefault(plain["combination"], []).append(words[name])
         elif plain["state"] == State.BOUNDED:
-            below = name == "coulomb_voltage" and plain["value"] < 0  # of a motor that turned backwards
-            end = (at_least if below else at_most)(plain["value"], _ends(plain), plain["unit"])
+            mirrored = name == "coulomb_voltage" and _loses_below_zero(document)
+            end = bound_text(plain["value"], _ends(plain), plain["unit"], mirrored)
             yield _sentence(f"{words[name]} isn't known, only that it is {end}")
         else:
             unknown.append(words[name])
@@ -59,6 +58,14 @@ def _open(
         yield _sentence(f"{_list_text(those)} {_are_not(those)} known {alone}; {whole}")
     if unknown:
         yield _sentence(f"{_list_text(unknown)} {_are_not(unknown)} known")
+
+
+def _loses_below_zero(document: Mapping[str, Any]) -> bool:
+    """Whether the constant that a motor loses is below zero: one that braked a motor under a negative input."""
+    if not str(document.get("structure")).endswith("_one_way"):
+        return False
+    low, high = document["operating_range"]["speed"]
+    return bool((low + high) * document["parameters"]["gain"]["value"] < 0)
 
 
 def _interval(plain: Mapping[str, Any]) -> Rounded:

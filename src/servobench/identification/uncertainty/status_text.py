@@ -14,23 +14,19 @@ def in_words(answer: ParameterStatus | None) -> str:
         return "known together only"
     if answer.state is State.BOUNDED:
         estimate = answer.estimate
-        bound = at_least if answer.mirrored else at_most
-        return bound(estimate.value, estimate.interval, estimate.unit)
+        return bound_text(estimate.value, estimate.interval, estimate.unit, answer.mirrored)
     return "not known"
 
 
-def at_least(value: float, interval: tuple[float, float], unit: str) -> str:
-    """Return the lower end of an interval in the same way as `at_most` its upper one."""
-    low, high = interval
-    rounded = rounded_interval(value, (low, 2.0 * value - low if low < value else high), unit)
-    return f"at least {rounded.low} {rounded.unit}".rstrip()
+def bound_text(value: float, interval: tuple[float, float], unit: str, mirrored: bool = False) -> str:
+    """Return the upper end of an interval, or `mirrored` the lower one, as `at most 0.33 V`.
 
-
-def at_most(value: float, interval: tuple[float, float], unit: str) -> str:
-    """Return the upper end of an interval, with the digits of its own distance from the value: a lower end far away has no say.
-
-    Where the value is at that end, those of the whole interval.
+    It has the digits of its own distance from the value: the other end, which may be far away, has no say. Where the value is at
+    the end, those of the whole interval.
     """
     low, high = interval
+    if mirrored:
+        rounded = rounded_interval(value, (low, 2.0 * value - low if low < value else high), unit)
+        return f"at least {rounded.low} {rounded.unit}".rstrip()
     rounded = rounded_interval(value, (2.0 * value - high if high > value else low, high), unit)
     return f"at most {rounded.high} {rounded.unit}".rstrip()

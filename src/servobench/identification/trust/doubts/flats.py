@@ -53,7 +53,7 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
     return [finding for record in records for finding in _of(record)]
 
 
-def _runs_on(data: Dataset, quantum: float) -> bool:
+def _turns_evenly(data: Dataset, quantum: float) -> bool:
     """Whether a position goes on at one speed, to within its steps, while the input differs from part to part of the record."""
     levels = [part.mean() for part in np.array_split(data.u, _PARTS)]
     alternates = np.std(levels) > _ALTERNATES * np.abs(data.u).max()
@@ -89,7 +89,7 @@ def _of(data: Dataset) -> list[Finding]:
             "than one step of the sensor."
         )
         return [refusal("output-still", sentence)]
-    if _runs_on(data, quantum):
+    if _turns_evenly(data, quantum):
         return [_even_motion(data)]
     flats = _flats(data, quantum)
     return _clipping(data, flats, quantum) or _pile_up(data, quantum) or _stops(data, flats, quantum)
