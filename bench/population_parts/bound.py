@@ -211,8 +211,24 @@ def _weighed(case: Case, motion: Motion, columns: Array) -> Array:
     variances = _variances(case, sliding)
     if not motor.torque:
         return columns / np.sqrt(variances)[:, None]
-    kernels.whiten(*transition(motor), sliding, case.output == "speed", variances, columns)
+    plainly, noise = transition(motor)
+    transitions = np.tile(plainly, (len(sliding), 1, 1))
+    _turn_back(case, motion, transitions)
+    kernels.whiten(transitions, noise, sliding, case.output == "speed", variances, columns)
     return columns
+
+
+def _turn_back(case: Case, motion: Motion, transitions: Array) -> None:
+    """Replace the transitions of ticks in which the shaft stops or turns back by what two shafts do that differ a little."""
+    motor, (t, u) = case.motor, rows(case)
+    speed = plain(motor, t, u, motion.before, (float(motion.speed[0]), 0.0))[:, 0]
+    for n in np.flatnonzero((speed[:-1] != 0.0) & (speed[:-1] * speed[1:] <= 0.0)):
+        change, out = 1e-5 * speed[n], np.empty((2, 2, 2))
+        for side, each in zip((-0.5, 0.5), out, strict=True):
+            start = (speed[n] + side * change, 0.0)
+            p = (motor.gain, motor.tau, motor.coulomb)
+            kernels.turn(p, t + motor.delay, u, motion.before, t[n : n + 2], start, each)
+        transitions[n, :, 0] = (out[1, 1] - out[0, 1]) / change
 
 
 def _variances(case: Case, sliding: NDArray[np.bool_]) -> Array:

@@ -170,8 +170,8 @@ def march(q, times, volts, before, latches, start, step, out):
 def whiten(transitions, noises, sliding, reads_speed, variances, x):
     """Turn columns x (N, C) into innovations over √S of a Kalman filter of (ω, θ) that knows the start state.
 
-    `transitions` and `noises` (2, 2) belong to a tick in which the shaft slides (`sliding` (N,)); one that sticks has no random
-    motion, and its speed is zero. What is measured is the speed or the angle, with `variances` (N,).
+    `transitions` (N, 2, 2) and `noises` (2, 2) belong to ticks in which the shaft slides (`sliding` (N,)); one that sticks has
+    no random motion, and its speed is zero. What is measured is the speed or the angle, with `variances` (N,).
     """
     at = 0 if reads_speed else 1
     columns = x.shape[1]
@@ -186,8 +186,8 @@ def whiten(transitions, noises, sliding, reads_speed, variances, x):
             w, th = state[c, 0] + gain[0] * e, state[c, 1] + gain[1] * e
             x[n, c] = e / math.sqrt(s)
             if sliding[n]:
-                state[c, 0] = transitions[0, 0] * w + transitions[0, 1] * th
-                state[c, 1] = transitions[1, 0] * w + transitions[1, 1] * th
+                state[c, 0] = transitions[n, 0, 0] * w + transitions[n, 0, 1] * th
+                state[c, 1] = transitions[n, 1, 0] * w + transitions[n, 1, 1] * th
             else:
                 state[c, 0], state[c, 1] = 0.0, th
         left = np.empty((2, 2))
@@ -195,7 +195,7 @@ def whiten(transitions, noises, sliding, reads_speed, variances, x):
             for b in range(2):
                 left[a, b] = cov[a, b] - gain[a] * cov[at, b]
         if sliding[n]:
-            cov = transitions @ left @ transitions.T + noises
+            cov = transitions[n] @ left @ transitions[n].T + noises
         else:
             cov[:] = 0.0
             cov[1, 1] = left[1, 1]

@@ -259,7 +259,9 @@ def test_the_filter_whitens_as_the_dense_covariance_of_all_kicks_does() -> None:
     columns = np.column_stack([np.ones(n), t, np.sin(50 * t)])
 
     whitened = columns.copy()
-    kernels.whiten(*bound.transition(motor), np.ones(n, dtype=bool), False, np.full(n, variance), whitened)
+    each, kicked = bound.transition(motor)
+    every = np.tile(each, (n, 1, 1))
+    kernels.whiten(every, kicked, np.ones(n, dtype=bool), False, np.full(n, variance), whitened)
 
     assert whitened.T @ whitened == pytest.approx(columns.T @ np.linalg.solve(dense, columns), rel=1e-9)
 

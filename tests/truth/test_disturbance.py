@@ -12,6 +12,7 @@ from servobench.core.finding import Verdict
 from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.estimators.prediction_error import THRESHOLD, disturbance_test
 from servobench.identification.identify import identify
+from servobench.identification.models.turning import Sliding
 from tests import coverage
 from tests.datasets import QUANTUM, dataset
 from tests.rig.motor.reference import Truth
@@ -166,7 +167,7 @@ def test_the_likelihood_agrees_with_a_dense_gaussian_one() -> None:
         return float(57 * np.log(variance) + determinants), change
 
     near = Linearisation(
-        blocks=(Blocks(np.arange(60), np.ones(60), t, np.ones(60), np.ones(60)),),
+        blocks=(Blocks(np.arange(60), np.ones(60), t, Sliding.all_through(t), np.ones(60)),),
         columns=(np.column_stack([residual, jacobian]),),
         places=(np.arange(3),),
         free=np.ones(3, dtype=bool),
@@ -186,12 +187,12 @@ def test_blocks_break_at_gaps_and_stops() -> None:
 
     data = dataset(seed=1, samples=20)
     keep = np.delete(np.arange(20), [7, 8, 9])
-    moving = np.where(keep >= 15, 0.0, 1.0)
     record = replace(data, t_output=data.t_output[keep], y=data.y[keep])
-    assert blocks_of(record, moving, 0.0081).counts.tolist() == [4, 3, 4, 1, 4, 1]
-    found = blocks_of(record, moving, 0.0081, rest=1.0)
+    rests = Sliding(left=np.where(keep >= 15, 0.0, 1.0), turns=record.t_output)
+    assert blocks_of(record, rests, 0.0081).counts.tolist() == [4, 3, 4, 1, 4, 1]
+    found = blocks_of(record, rests, 0.0081, rest=1.0)
     assert found.counts.tolist() == [4, 3, 4, 1, 5]  # samples 0-3, 4-6; 10-13, 14; 15-19, at rest
     assert found.noise.tolist() == [1 / 4, 1 / 3, 1 / 4, 1, 1]
     assert found.times[1] == pytest.approx(0.01)
-    assert found.moving.tolist() == [1, 1, 1, 1, 0]
+    assert found.sliding.left.tolist() == [1, 1, 1, 1, 0]
     assert found.means(data.y[keep])[1] == pytest.approx(data.y[4:7].mean())

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from servobench.identification.estimators import kernels
 from servobench.identification.estimators.disturbance import Blocks, Linearisation
+from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from tests.datasets import dataset
 
@@ -19,14 +20,22 @@ Array = NDArray[np.float64]
 
 
 def blocks(count: int, random: np.random.Generator) -> Blocks:
-    moving = np.where(np.arange(count) % 7 == 3, 0.0, 1.0)
+    times = np.cumsum(random.uniform(0.005, 0.02, count))
+    left = np.select([np.arange(count) % 7 == 3, np.arange(count) % 7 == 6], [0.0, 0.6], 1.0)
+    turns = times - 0.4 * np.diff(times, prepend=0.0)
     return Blocks(
         starts=np.arange(count),
         counts=np.ones(count),
-        times=np.cumsum(random.uniform(0.005, 0.02, count)),
-        moving=moving,
+        times=times,
+        sliding=Sliding(left=left, turns=turns),
         noise=random.uniform(0.5, 2.0, count),
     )
+
+
+def moves(h: float) -> Array:
+    """What becomes of position and speed in a time h without a torque, (2, 2)."""
+    a = np.exp(-h / TAU)
+    return np.array([[1.0, TAU * (1 - a)], [0.0, a]])
 
 
 def covariance(of: Blocks, ratio: float) -> Array:
@@ -36,16 +45,14 @@ def covariance(of: Blocks, ratio: float) -> Array:
     out = np.zeros((count, count))
     for k in range(count):
         if k:
-            if of.moving[k] == 0:
-                state[1, :], state[:, 1], cross[1] = 0.0, 0.0, 0.0
-            else:
-                h = of.times[k] - of.times[k - 1]
-                a = np.exp(-h / TAU)
-                step = np.array([[1.0, TAU * (1 - a)], [0.0, a]])
-                s = np.linspace(0.0, h, 2001)
-                reach = np.array([TAU * (1 - np.exp(-s / TAU)), np.exp(-s / TAU)])
-                added = np.trapezoid(reach[:, None] * reach[None, :], s)
-                state, cross = step @ state @ step.T + ratio * added, step @ cross
+            part, h = of.sliding.left[k], of.times[k] - of.times[k - 1]
+            until = of.sliding.turns[k] - of.times[k - 1]
+            step = moves(h - until) @ np.diag([1.0, part]) @ moves(until)
+            s = np.linspace(0.0, h, 2001)
+            reach = np.array([TAU * (1 - np.exp(-s / TAU)), np.exp(-s / TAU)])
+            # What the torque adds in a tick in which the shaft turns back is small beside what it added before.
+            added = np.trapezoid(reach[:, None] * reach[None, :], s) * (part > 0)
+            state, cross = step @ state @ step.T + ratio * added, step @ cross
         out[k, :k] = out[:k, k] = cross[0, :k]
         out[k, k] = state[0, 0] + of.noise[k]
         cross[:, k] = state[:, 0]

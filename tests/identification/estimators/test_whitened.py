@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.estimators.disturbance import (
     Disturbance,
@@ -12,6 +10,7 @@ from servobench.identification.estimators.disturbance import (
 )
 from servobench.identification.estimators.least_squares import minimise
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.models.turning import Sliding
 from tests.datasets import dataset
 
 
@@ -20,7 +19,7 @@ def test_a_search_behind_a_filter_made_for_a_far_longer_time_constant_ends_a_hun
     structure, data = STRUCTURES["first_order"], (dataset(seed=1, kind="prbs"),)
     fit = ESTIMATORS["output_error"].fit(structure, data)
     noise = Disturbance.from_memory(0.1, 50.0, "position", data[0].sample_time)
-    blocks = (blocks_of(data[0], np.ones(len(data[0].y)), data[0].sample_time),)
+    blocks = (blocks_of(data[0], Sliding.all_through(data[0].t_output), data[0].sample_time),)
     model = WhitenedStructure(structure, noise, data, blocks)
     at = fit.model.names.index("time_constant")
     start = fit.vector

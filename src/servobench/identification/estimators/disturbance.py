@@ -22,8 +22,9 @@ from servobench.core.channels import Array
 from servobench.identification.estimators.encoder_rounding import is_rounded
 from servobench.identification.estimators.least_squares import Layout
 from servobench.identification.models.base import Output, Parameter, Prediction, Structure
+from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.base import Kind
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from servobench.systems.transfer_function import TransferFunction
 
 _COARSE = 16  # points of the first grid, from a torque that never shows to one that drowns the noise within a sample
@@ -66,13 +67,13 @@ class Disturbance:
 class Blocks:
     """Neighbouring samples and their means, (B,) each: the numbers `starts` of the first samples, counts, and mean times [s].
 
-    `moving` is 1 where the shaft slides and 0 where it rests, `noise` the variance of each mean, beside r.
+    `sliding` is that of their beginnings, `noise` the variance of each mean, beside r.
     """
 
     starts: NDArray[np.int64]
     counts: Array
     times: Array
-    moving: Array
+    sliding: Sliding
     noise: Array
 
     def means(self, x: Array) -> Array:
@@ -80,20 +81,30 @@ class Blocks:
         sums = np.add.reduceat(x, self.starts, axis=0)
         return np.asarray(sums / self.counts.reshape(-1, *[1] * (x.ndim - 1)), dtype=np.float64)
 
+    def turning_as(self, sliding: Sliding) -> Blocks:
+        """Return the same blocks for a shaft that turns back as in `sliding`, of the samples; it rests where it did."""
+        left, turns = np.minimum(np.ceil(self.sliding.left), 1.0), self.sliding.turns.copy()
+        turned = np.flatnonzero((sliding.left > 0) & (sliding.left < 1))
+        places = np.searchsorted(self.times, sliding.turns[turned])
+        inside = places < len(left)
+        np.multiply.at(left, places[inside], sliding.left[turned[inside]])
+        turns[places[inside]] = sliding.turns[turned[inside]]
+        return replace(self, sliding=Sliding(left=left, turns=turns))
 
-def blocks_of(data: Dataset, moving: Array, longest: float, rest: float | None = None) -> Blocks:
+
+def blocks_of(data: Dataset, sliding: Sliding, longest: float, rest: float | None = None) -> Blocks:
     """Return blocks of a record that are at most `longest` [s] long, and have neither a gap nor a stop or start within.
 
-    `moving` (M,) is above 0 where the shaft slides.
-
     A shaft at rest gives the same count all the time: this determines its position once, with the whole rounding error,
-    however long the rest. So with `rest`, the variance of that error beside r, a rest is one block, and weighs as such.
+    however long the rest. So with `rest`, the variance of that error beside r, a rest is one block, and weighs as such. So does
+    one in which a position of unknown rounding stays the same: each of its samples would seem to say that there is no noise.
     """
     t = data.t_output
-    rests = (moving == 0) & (rest is not None and is_rounded(data))
+    left = sliding.left
+    rests = (left == 0) & (rest is not None and (is_rounded(data) or _stays(data)))
     size = max(int(longest / data.sample_time), 1)
     gaps = (np.diff(t) > 1.5 * data.sample_time) & ~(rests[1:] & rests[:-1])
-    breaks = gaps | (np.diff(moving) != 0)
+    breaks = gaps | ((np.diff(left) != 0) & ((left[1:] < 1) | (left[:-1] == 0)))
     run = np.concatenate([[0], np.cumsum(breaks)])
     inside = np.where(rests, 0, (np.arange(len(t)) - np.searchsorted(run, run)) // size)
     starts = np.flatnonzero(np.concatenate([[True], breaks | (np.diff(inside) != 0)]))
@@ -102,9 +113,16 @@ def blocks_of(data: Dataset, moving: Array, longest: float, rest: float | None =
         starts=starts,
         counts=counts,
         times=np.add.reduceat(t, starts) / counts,
-        moving=moving[starts],
+        sliding=Sliding(left=left[starts], turns=sliding.turns[starts]),
         noise=np.where(rests[starts], rest or 1.0, 1 / counts),
     )
+
+
+@keep_with_data
+def _stays(data: Dataset) -> NDArray[np.bool_]:
+    """Whether each sample (M,) of a position is the same as the one before or after it."""
+    same = (np.diff(data.y) == 0) & (data.kind == "position")
+    return np.asarray(np.append(same, False) | np.append(False, same), dtype=np.bool_)
 
 
 def variance_of_rest(data: Dataset, disturbance: Disturbance | None) -> float:
@@ -112,10 +130,10 @@ def variance_of_rest(data: Dataset, disturbance: Disturbance | None) -> float:
     return max((data.quantum or 0.0) ** 2 / 12 / disturbance.variance, 1.0) if disturbance else 1.0
 
 
-def _samples(data: Dataset, moving: Array) -> Blocks:
+def _samples(data: Dataset, sliding: Sliding) -> Blocks:
     """Each sample as a block of its own."""
     ones = np.ones(len(data.t_output))
-    return Blocks(starts=np.arange(len(ones)), counts=ones, times=data.t_output, moving=moving, noise=ones)
+    return Blocks(starts=np.arange(len(ones)), counts=ones, times=data.t_output, sliding=sliding, noise=ones)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +195,7 @@ class Linearisation:
         )
 
     @cached_property
-    def _rows(self) -> tuple[Array, Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    def _rows(self) -> tuple[Array, Array, Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
         """Times, motion, noise and columns of all records' blocks in one, where each record ends, and its columns' places."""
         width = max(map(len, self.places))
         ends = np.cumsum([len(x) for x in self.columns])
@@ -185,10 +203,13 @@ class Linearisation:
         for end, x, place, own in zip(ends, self.columns, self.places, places, strict=True):
             columns[end - len(x) : end, : x.shape[1]] = x
             own[: len(place)] = place
-        times, moving, noise = (
-            np.concatenate([getattr(b, name) for b in self.blocks]) for name in ("times", "moving", "noise")
+        times, noise = (
+            np.concatenate([getattr(b, name) for b in self.blocks]) for name in ("times", "noise")
         )
-        return times, moving, noise, columns, ends, places
+        left, turns = (
+            np.concatenate([getattr(b.sliding, name) for b in self.blocks]) for name in ("left", "turns")
+        )
+        return times, left, turns, noise, columns, ends, places
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -285,20 +306,20 @@ def _mode(near: Linearisation, tau: float, levels: Array) -> tuple[float, float]
     return middle, float(np.clip(np.sqrt(2 / curvature), 0.05, 3.0)) if curvature > 0 else 3.0
 
 
-def whiten(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+def whiten(x: Array, data: Dataset, sliding: Sliding, disturbance: Disturbance) -> Array:
     """Return columns x (M,) or (M, K) as innovations of each sample, of unit variance."""
     out, _ = _innovations(
-        x.reshape(len(x), -1), _samples(data, moving), data.kind, disturbance.tau, disturbance.ratio
+        x.reshape(len(x), -1), _samples(data, sliding), data.kind, disturbance.tau, disturbance.ratio
     )
     out /= np.sqrt(disturbance.variance)
     return out.reshape(x.shape)
 
 
-def innovations_of_blocks(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+def innovations_of_blocks(x: Array, data: Dataset, sliding: Sliding, disturbance: Disturbance) -> Array:
     """Return the innovations (B,) of a residual x (M,), averaged over blocks as for the likelihood; their scale is arbitrary."""
     blocks = blocks_of(
         data,
-        moving,
+        sliding,
         longest_block(disturbance, disturbance.tau, data),
         variance_of_rest(data, disturbance),
     )
@@ -307,24 +328,24 @@ def innovations_of_blocks(x: Array, data: Dataset, moving: Array, disturbance: D
     ]
 
 
-def innovation_sd(data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+def innovation_sd(data: Dataset, sliding: Sliding, disturbance: Disturbance) -> Array:
     """Return the standard deviation of each sample's innovation (M,) [unit of the output]."""
     n = len(data.t_output)
     _, spread = _innovations(
-        np.empty((n, 0)), _samples(data, moving), data.kind, disturbance.tau, disturbance.ratio
+        np.empty((n, 0)), _samples(data, sliding), data.kind, disturbance.tau, disturbance.ratio
     )
     return np.asarray(np.sqrt(disturbance.variance * spread), dtype=np.float64)
 
 
 def of_each_sample(
-    disturbance: Disturbance, residuals: Sequence[Array], data: Sequence[Dataset], moving: Sequence[Array]
+    disturbance: Disturbance, residuals: Sequence[Array], data: Sequence[Dataset], sliding: Sequence[Sliding]
 ) -> Disturbance:
     """Return the disturbance of the same q with the r of single samples, where rounding has all its power."""
     found, q = disturbance, disturbance.ratio * disturbance.variance
     for _ in range(5):
         squares = sum(
-            float(np.sum(whiten(r, d, m, found) ** 2))
-            for r, d, m in zip(residuals, data, moving, strict=True)
+            float(np.sum(whiten(r, d, s, found) ** 2))
+            for r, d, s in zip(residuals, data, sliding, strict=True)
         )
         variance = found.variance * squares / sum(len(r) for r in residuals)
         found = replace(found, ratio=q / variance, variance=variance)
@@ -384,15 +405,15 @@ class WhitenedStructure:
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the innovations of the prediction and of its Jacobian for theta (P + Q,), the filter held fixed."""
-        plain = self.structure.predict(theta, data)
-        both = self._filter_columns(np.column_stack([plain.y, plain.jacobian]), data)
+        plain, record = self.structure.predict(theta, data), self._record(data)
+        both = self._filter_columns(np.column_stack([plain.y - record.y, plain.jacobian]), theta, data)
         valid = np.zeros(len(plain.y), dtype=bool)
         valid[self._blocks(data).starts] = True
         return Prediction(y=both[:, 0], jacobian=both[:, 1:], valid=valid)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the innovations (M, E) of what the structure knows that it may be wrong by, for theta (P + Q,)."""
-        return self._filter_columns(self.structure.unmodelled(theta, data), data)
+        return self._filter_columns(self.structure.unmodelled(theta, data), theta, data)
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """That of the structure, for theta (P + Q,)."""
@@ -400,14 +421,11 @@ class WhitenedStructure:
 
     @property
     def whitened_data(self) -> tuple[Dataset, ...]:
-        """The records with the innovations of their outputs in place of the outputs, which no encoder has rounded."""
-        return tuple(
-            replace(record, y=self._filter_columns(record.y[:, None], record)[:, 0], quantum=None)
-            for record in self.data
-        )
+        """The records with zeros in place of the outputs: a prediction is the innovations of what it is off by."""
+        return tuple(replace(record, y=np.zeros_like(record.y), quantum=None) for record in self.data)
 
-    def sliding(self, theta: Array, data: Dataset) -> Array:
-        """That of the structure (M,), for theta (P + Q,)."""
+    def sliding(self, theta: Array, data: Dataset) -> Sliding:
+        """That of the structure, for theta (P + Q,)."""
         return self.structure.sliding(theta, data)
 
     def _blocks(self, data: Dataset) -> Blocks:
@@ -415,9 +433,17 @@ class WhitenedStructure:
             b for b, record in zip(self.blocks, self.data, strict=True) if record.t_output is data.t_output
         )
 
-    def _filter_columns(self, x: Array, data: Dataset) -> Array:
-        """Columns x (M, K) as innovations of unit variance at the first samples of the blocks, zero elsewhere."""
+    def _record(self, data: Dataset) -> Dataset:
+        return next(record for record in self.data if record.t_output is data.t_output)
+
+    def _filter_columns(self, x: Array, theta: Array, data: Dataset) -> Array:
+        """Columns x (M, K) as innovations of unit variance at the first samples of the blocks, zero elsewhere.
+
+        The shaft turns back where it does with theta: columns that turn elsewhere would seem to say much in between.
+        """
         blocks, noise = self._blocks(data), self.disturbance
+        if self.structure.friction:
+            blocks = blocks.turning_as(self.structure.sliding(theta, data))
         found, _ = _innovations(blocks.means(x), blocks, data.kind, noise.tau, noise.ratio)
         out = np.zeros_like(x)
         out[blocks.starts] = found / np.sqrt(noise.variance)
@@ -447,6 +473,15 @@ def _innovations(x: Array, blocks: Blocks, kind: Kind, tau: float, ratio: float)
     spread = np.empty(len(out))
     position = 1.0 if kind == "position" else 0.0
     kernels.innovations(
-        blocks.times, tau, ratio, blocks.moving, blocks.noise, position, 1.0 - position, out, spread
+        blocks.times,
+        tau,
+        ratio,
+        blocks.sliding.left,
+        blocks.sliding.turns,
+        blocks.noise,
+        position,
+        1.0 - position,
+        out,
+        spread,
     )
     return out, spread

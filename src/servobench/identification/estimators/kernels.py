@@ -22,7 +22,8 @@ def innovations(
     t: Array,
     tau: float,
     ratio: float,
-    moving: Array,
+    left: Array,
+    turns: Array,
     noise: Array,
     of_position: float,
     of_speed: float,
@@ -32,7 +33,8 @@ def innovations(
     """Turn columns x (M, K) into their innovations, each over its standard deviation; the measurement's variance is `noise` (M,).
 
     The state is (θ, ω): ω decays with τ and is driven by white acceleration of intensity `ratio`, θ is its integral; what is
-    measured is `of_position` θ + `of_speed` ω. Where `moving` (M,) is 0 the shaft sticks: its speed is zero and stays so.
+    measured is `of_position` θ + `of_speed` ω. Of ω a part `left` (M,) is left at `turns` (M,) [s], before the sample: where it
+    is 0 the shaft rests, and no torque moves it.
     The start state is known, as it is a parameter of its own. `spread` (M,) gets the variances of the innovations.
     A time-varying Kalman filter (Kalman 1960): the times t (M,) [s] need not be regular.
     """
@@ -57,12 +59,9 @@ def innovations(
         p22 -= g2 * c2
         if k + 1 == len(t):
             break
-        if moving[k + 1] == 0.0:
-            p12 = p22 = 0.0
-            for n in range(columns):
-                w[n] = 0.0
+        h, part = t[k + 1] - t[k], left[k + 1]
+        if part == 0.0 and p22 == 0.0:
             continue
-        h = t[k + 1] - t[k]
         if abs(h - h_last) > 1e-9 * h:
             h_last = h
             z = h / tau
@@ -76,12 +75,18 @@ def innovations(
                 if z < 1e-3
                 else tau * tau * (h - 2 * g + q22)
             )
-        p11 = p11 + 2.0 * g * p12 + g * g * p22 + ratio * q11
-        p12 = a * (p12 + g * p22) + ratio * q12
-        p22 = a * a * p22 + ratio * q22
+        way, kept, q = g, a, ratio
+        if part < 1.0:
+            until = math.exp((t[k] - turns[k + 1]) / tau)
+            way = tau * (1.0 - until) + part * tau * (until - a)
+            kept = part * a
+            q = ratio if part > 0.0 else 0.0
+        p11 = p11 + 2.0 * way * p12 + way * way * p22 + q * q11
+        p12 = kept * (p12 + way * p22) + q * q12
+        p22 = kept * kept * p22 + q * q22
         for n in range(columns):
-            th[n] += g * w[n]
-            w[n] *= a
+            th[n] += way * w[n]
+            w[n] *= kept
 
 
 @compiled
@@ -104,7 +109,8 @@ def fill_products(x: Array, out: Array) -> None:
 @compiled
 def likelihoods_of_ratios(
     t: Array,
-    moving: Array,
+    left: Array,
+    turns: Array,
     noise: Array,
     columns: Array,
     ends: NDArray[np.int64],
@@ -141,7 +147,8 @@ def likelihoods_of_ratios(
                 t[part],
                 tau,
                 ratios[n],
-                moving[part],
+                left[part],
+                turns[part],
                 noise[part],
                 of_position,
                 of_speed,
@@ -173,11 +180,11 @@ def likelihoods_of_ratios(
         squares, begin = 0.0, 0
         for r in range(len(ends)):
             for m in range(begin, ends[r]):
-                left = x[m, 0]
+                over = x[m, 0]
                 for i in range(1, width):
                     if places[r, i - 1] >= 0:
-                        left -= x[m, i] * changes[n, places[r, i - 1]]
-                squares += left * left
+                        over -= x[m, i] * changes[n, places[r, i - 1]]
+                squares += over * over
             begin = ends[r]
         freedom = max(len(columns) - count, 1)
         variances[n] = max(squares / freedom, 1e-300)

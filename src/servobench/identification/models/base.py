@@ -11,6 +11,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.registry import Registry
+from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
 
@@ -87,8 +88,8 @@ class Structure(Protocol):
         """Return the prediction for the parameter vector theta (P + Q,), with its exact Jacobian."""
         ...
 
-    def sliding(self, theta: Array, data: Dataset) -> Array:
-        """Return 1 where the shaft slides at a sample of the output and 0 where it sticks, shape (M,); theta as for `predict`."""
+    def sliding(self, theta: Array, data: Dataset) -> Sliding:
+        """Return where the shaft slides, rests and turns back at the samples of the output; theta (P + Q,)."""
         ...
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:

@@ -37,6 +37,7 @@ from servobench.identification.models.records import (
     start_parameters,
     through_chain,
 )
+from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -291,11 +292,13 @@ class FirstOrder:
         kernels.motion(data.t_input, u, data.input_before, times, p, float(self.friction), speed, y)
         return y
 
-    def sliding(self, theta: Array, data: Dataset) -> Array:
-        """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
+    def sliding(self, theta: Array, data: Dataset) -> Sliding:
+        """Return where the model's shaft stops and turns back, which matters only with friction, for theta (P + Q,)."""
         if not self.friction:
-            return np.ones(len(data.y))
-        return np.asarray(self._motion(theta, data, "speed", data.t_output, data.u) != 0, dtype=np.float64)
+            return Sliding.all_through(data.t_output)
+        speed = self._motion(theta, data, "speed", data.t_output, data.u)
+        change = 2 * self._friction_speed(theta) / theta[self.parameters.index(TIME_CONSTANT)]
+        return Sliding.of_speed(speed, data.t_output, change)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return nothing, (M, 0): what a lag in place of the delay does is a line of the budget (`uncertainty.one_lag`)."""

@@ -11,6 +11,7 @@ from servobench.identification.estimators.disturbance import Blocks, Linearisati
 from servobench.identification.estimators.interval.bins import Bins, expected_information
 from servobench.identification.estimators.interval.search import Near
 from servobench.identification.estimators.least_squares import Layout
+from servobench.identification.models.turning import Sliding
 
 _SILENT = 0.01  # of a usual sample's information: a block with less is left out
 
@@ -37,7 +38,8 @@ def wander_ratio(layout: Layout, near: Near, all_bins: Sequence[Bins], s: float,
         keep = weight > _SILENT
         columns.append(sums[keep] / (weight[keep, None] * np.sqrt(usual)))
         weighed = weight[keep]
-        blocks.append(Blocks(block.starts[keep], weighed, block.times[keep], block.moving[keep], 1 / weighed))
+        of_kept = Sliding(left=block.sliding.left[keep], turns=block.sliding.turns[keep])
+        blocks.append(Blocks(block.starts[keep], weighed, block.times[keep], of_kept, 1 / weighed))
     records = Linearisation(
         blocks=tuple(blocks),
         columns=tuple(columns),

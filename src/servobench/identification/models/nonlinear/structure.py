@@ -31,6 +31,7 @@ from servobench.identification.models.common_parameters import COULOMB, DELAY, G
 from servobench.identification.models.first_order import FirstOrder
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.records import is_plain, start_parameters, through_chain
+from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -244,11 +245,12 @@ class NonlinearMotor:
             mixed = raw[:, : len(used)] @ self.mixing[used]
         return y, np.hstack([mixed, raw[:, len(used) :]])
 
-    def sliding(self, theta: Array, data: Dataset) -> Array:
-        """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
+    def sliding(self, theta: Array, data: Dataset) -> Sliding:
+        """Return where the model's shaft stops and turns back, which matters only with friction, for theta (P + Q,)."""
         if not self.friction:
-            return np.ones(len(data.y))
-        return np.asarray(self.speed(theta, data) != 0, dtype=np.float64)
+            return Sliding.all_through(data.t_output)
+        gain, tau, _, coulomb, _, stribeck = self.vector(theta, data)[:6]
+        return Sliding.of_speed(self.speed(theta, data), data.t_output, 2 * gain * (coulomb + stribeck) / tau)
 
     def speed(self, theta: Array, data: Dataset) -> Array:
         """Return the shaft's speed (M,) at the samples, for theta (P + Q,)."""

@@ -29,6 +29,7 @@ from servobench.identification.models.records import (
     filter_parameters,
     through_chain,
 )
+from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.base import Chain, Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -120,11 +121,13 @@ class PositionLoop:
         loop, tau = float(theta[0]), float(theta[1])
         return float(np.sqrt(max(loop / tau - 0.25 / tau**2, 0.0)))
 
-    def sliding(self, theta: Array, data: Dataset) -> Array:
-        """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
+    def sliding(self, theta: Array, data: Dataset) -> Sliding:
+        """Return where the model's shaft stops and turns back, which matters only with friction, for theta (P + Q,)."""
         if not self.friction:
-            return np.ones(len(data.y))
-        return np.asarray(self.response(theta, data, "speed")[0] != 0, dtype=np.float64)
+            return Sliding.all_through(data.t_output)
+        loop_gain, tau, dead_band = theta[:3]
+        change = 2 * loop_gain * dead_band / tau
+        return Sliding.of_speed(self.response(theta, data, "speed")[0], data.t_output, change)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the encoder's rounding at each rest of the shaft, as columns (M, E).
@@ -134,7 +137,7 @@ class PositionLoop:
         """
         if not data.quantum or data.kind != "position" or not self.friction:
             return np.empty((len(data.y), 0))
-        still = self.sliding(theta, data) == 0
+        still = self.sliding(theta, data).left == 0
         number = np.cumsum(np.diff(still, prepend=False) & still)
         rests = np.arange(1, int(number.max(initial=0)) + 1)
         chosen = rests[:: max(1, -(-len(rests) // _MOST_RESTS))]

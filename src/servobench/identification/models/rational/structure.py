@@ -19,6 +19,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.identification.models.base import STRUCTURES, Output, Parameter, Prediction
 from servobench.identification.models.rational.response import Pieces, Response, hold_pieces, response
+from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
 
@@ -171,9 +172,9 @@ class Rational:
         linear[shared:] = theta[shared : columns.shape[1]]
         return np.asarray(columns @ linear, dtype=np.float64)
 
-    def sliding(self, theta: Array, data: Dataset) -> Array:
-        """Return ones: nothing sticks."""
-        return np.ones(len(data.y))
+    def sliding(self, theta: Array, data: Dataset) -> Sliding:
+        """Return motion all through, whatever theta (P + Q,): nothing sticks."""
+        return Sliding.all_through(data.t_output)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return no columns: the structure resolves all that it knows of."""

@@ -31,6 +31,7 @@ from servobench.identification.models.common_parameters import (
 )
 from servobench.identification.models.first_order import FirstOrder
 from servobench.identification.models.records import start_parameters, through_chain
+from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -156,12 +157,14 @@ class SecondOrder:
             columns.append(np.full(len(volts), 1.0 if kind == "position" else 0.0))
         return np.column_stack([*columns, slopes[:, kernels.SPEED]])
 
-    def sliding(self, theta: Array, data: Dataset) -> Array:
-        """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
+    def sliding(self, theta: Array, data: Dataset) -> Sliding:
+        """Return where the model's shaft stops and turns back, which matters only with friction, for theta (P + Q,)."""
         if not self.friction:
-            return np.ones(len(data.y))
+            return Sliding.all_through(data.t_output)
         own = 2 if data.kind == "position" else 1
-        return np.asarray(self.response(theta, data, "speed", own)[0] != 0, dtype=np.float64)
+        value, speed = self._by_name(theta), self.response(theta, data, "speed", own)[0]
+        change = 2 * value["gain"] * value["coulomb_voltage"] / value["time_constant"]
+        return Sliding.of_speed(speed, data.t_output, change)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return nothing, (M, 0): what the winding does near a reversal is in the model."""

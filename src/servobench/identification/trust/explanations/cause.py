@@ -13,7 +13,8 @@ from servobench.recordings.measurement.dataset import Dataset
 class CauseFit:
     """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose (`chosen`).
 
-    `structural` is a cause that lies in the motor, so that a richer structure may have it; the others lie in the record.
+    `structural` is a cause that lies in the motor, so that a richer structure or the intervals may hold it; the others lie in the
+    record.
     What a fit has to bear it out with is `remedy`, which takes the cause out of a record, or the name of a `structure` that has
     it; without either the equation's word is enough.
     """

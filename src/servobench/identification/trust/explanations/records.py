@@ -84,6 +84,7 @@ def _changes(case: Case) -> CauseFit | None:
         finding=warning("motor-changes", sentence, parameters=("gain", "time_constant")),
         misfit=found.misfit,
         chosen=2,
+        structural=True,
         remedy=lambda data: _undo_change(data, *shares),
     )
 
