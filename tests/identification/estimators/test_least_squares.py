@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from servobench.identification.estimators.least_squares import (
     Layout,
     at,
+    descent,
     information,
     lowest,
     minimise,
@@ -137,3 +138,18 @@ def test_a_motor_that_is_slower_than_its_input_is_found(late: float) -> None:
     found = lowest(structure, [data], structure.guesses([data]))
 
     assert found.cost < len(data.y) * (1.05 * 0.0587) ** 2 / 12
+
+
+def test_a_search_ends_where_less_is_to_be_gained_than_it_is_worth() -> None:
+    """Near a minimum the quadratic model is right: what it foretells is what is left to gain."""
+    structure, data = STRUCTURES["first_order_coulomb"], (dataset(seed=1, kind="prbs"),)
+    layout = Layout(structure, data)
+    start = 1.02 * structure.guesses(data)[0]
+    settled = descent(layout, start)
+    worth = 0.01 * settled.point.cost
+
+    rough = descent(layout, start, worth=worth)
+
+    assert rough.converged
+    assert 0.0 < rough.point.cost - settled.point.cost < worth
+    assert int(rough.status.split()[2]) < int(settled.status.split()[2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+import pytest
 
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.records import through_chain
@@ -41,6 +42,24 @@ def test_a_pendulum_that_swings_thousands_of_times_between_samples_is_infinitely
 
     assert np.isfinite(prediction.y[10])
     assert np.isinf(prediction.y[-1])
+
+
+@pytest.mark.parametrize(
+    ("samples", "swings", "finite"), [(300, 0.3, True), (5000, 0.3, False), (5000, 0.03, True)]
+)
+def test_a_pendulum_that_swings_from_sample_to_sample_is_followed_for_a_short_record(
+    samples: int, swings: float, finite: bool
+) -> None:
+    """At 0.3 swings a sample it takes about 19 steps in each: a coarse short record may, one of 5,000 samples is no motor's."""
+    structure = STRUCTURES["first_order_coulomb_gravity"]
+    data = dataset(seed=1, samples=samples)
+    omega, tau, gain = 2 * np.pi * swings / data.sample_time, 1.0, 20.0
+    value = {parameter.name: 0.0 for parameter in structure.parameters}
+    value |= {"gain": gain, "time_constant": tau, "gravity_voltage_sine": omega**2 * tau / gain}
+
+    prediction = structure.predict(np.array([*value.values(), 1.0, 0.0]), data)
+
+    assert np.isfinite(prediction.y[-1]) == finite
 
 
 def test_sensitivities_beyond_all_numbers_pass_a_chain_without_a_warning() -> None:

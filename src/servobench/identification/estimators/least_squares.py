@@ -25,6 +25,7 @@ _BENT = 4  # refused steps
 _FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
 _VALLEYS = 2  # of the starts into curved valleys are followed to their ends
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
+_HARDLY = 1e-2  # damping beside which the quadratic model is what it foretells
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,14 +246,19 @@ def _in_the_valley(
 
 
 def descent(
-    layout: Layout, start: Array, free: NDArray[np.bool_] | None = None, steps: int = _STEPS
+    layout: Layout,
+    start: Array,
+    free: NDArray[np.bool_] | None = None,
+    steps: int = _STEPS,
+    worth: float = 0.0,
 ) -> Descent:
     """Go from a start vector to a minimum of the sum of squared residuals; `free` (P + ΣQ,) says which entries may move (all).
 
     Levenberg (1944) and Marquardt (1963). The damping follows how well the quadratic model foretold the change of the cost: down
     to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them.
     Where steps are refused again and again the valley bends, and each refused one is tried along the next of `Layout.moves`.
-    `start` (P + ΣQ,) is in the units of the parameters.
+    `start` (P + ΣQ,) is in the units of the parameters. Where the quadratic model, hardly damped, foretells a decrease of the
+    cost that is less than `worth`, the search ends.
     """
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
@@ -266,8 +272,10 @@ def descent(
         reached = np.minimum(np.maximum(move(point.theta, change), lower), upper)
         if _small(change, point, layout):
             return _end_descent(point, change, True, f"converged in {step} steps")
-        trial = at(layout, reached)
         foretold = float(change @ (2 * point.g - point.h @ change))
+        if 0.0 <= foretold < worth and damping <= _HARDLY:
+            return _end_descent(point, None, True, f"converged in {step} steps")
+        trial = at(layout, reached)
         if trial.cost <= point.cost:
             gained = point.cost - trial.cost
             done, point = gained <= 1e-13 * point.cost, trial

@@ -39,6 +39,7 @@ _NEAR = 3.0  # standard deviations to a bound below which its interval is a prof
 _STEPS = 6
 _SEARCH = 25  # steps with the parameter held: a valley that is followed from its slope is reached in a few
 _SETTLED = 0.01  # of the wished rise of the cost
+_WORTH = 0.1 * _SETTLED  # of it: a decrease that isn't worth another step
 _FARTHER = 3.0  # times: the longest step outwards from where the cost hasn't risen enough
 
 
@@ -110,10 +111,11 @@ class _Profile:
         led = self.minimum.theta.copy()
         led[free] += self._slope * (value - led[self.at])
         led[self.at] = value
-        found = descent(self._layout, led, free, _SEARCH).point
+        worth = _WORTH * self._rise
+        found = descent(self._layout, led, free, _SEARCH, worth).point
         if found.cost <= self.minimum.cost + self._rise:
             return found
-        beside = descent(self._layout, np.where(free, near, value), free, _SEARCH).point
+        beside = descent(self._layout, np.where(free, near, value), free, _SEARCH, worth).point
         return min(found, beside, key=lambda point: point.cost)
 
     @cached_property

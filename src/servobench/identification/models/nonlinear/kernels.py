@@ -60,6 +60,8 @@ _LONGEST = (
     10.0  # times as long may it be once the speed has settled: one time constant, and 2.78 would be unstable
 )
 _MOST = 100  # steps between two events, for parameters that no motor has
+_USUAL = 8  # steps for each sample and input that a motor may take on average over a long record
+_SHORT = 20_000  # steps that it may take beside those, as for a short record with few samples in each swing
 _ENDLESS = (
     20 * _MOST
 )  # steps between two samples or changes of the input: such a motor turns round without end
@@ -340,7 +342,8 @@ def response(
     p (13,) is (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ at t_out[0], ω at t_out[0]), and `columns` (C,) are those
     of them whose derivatives are wanted. The flags say which terms act, and whether the speed or the angle is wanted. A sample
     is latched before an input of the same instant acts. Where a motor runs away beyond all numbers, turns round without end as
-    none can (friction that drives), or takes more than 100 steps for each sample and input, y is infinite from there on.
+    none can (friction that drives), or takes more than 8 steps for each sample and input and 20,000 beside, y is infinite from
+    there on.
     """
     count = len(columns)
     x = np.zeros((2, WIDTH))
@@ -354,7 +357,7 @@ def response(
     side = side_of(p, sine, cosine, w, gravity)
     row = 1 if speed_out else 0
     m = 0
-    allowed = _ENDLESS + _MOST * (len(t_out) + len(u))
+    allowed = _SHORT + _USUAL * (len(t_out) + len(u))
     while True:
         if sense == 0.0:
             x[1, :] = 0.0  # a shaft that sticks forgets how it came to rest
