@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from servobench.identification.models import lag
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.lag import behind_lag, lag_errors
 from servobench.recordings.measurement.dataset import Dataset
@@ -71,3 +73,11 @@ def test_half_a_lag_follows_from_its_two_parts() -> None:
 
     half = structure.predict(theta, behind_lag(data, 0.5 * LAG)).y - structure.predict(theta, data).y
     np.testing.assert_allclose(0.5 * linear + 0.25 * square, half, atol=1e-12)
+
+
+def test_a_lag_that_leads_beyond_what_any_motor_does_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A difference of two infinite outputs is no number, and a warning of NumPy's would reach the terminal."""
+    data = dataset(seed=1, samples=50)
+    monkeypatch.setattr(lag, "simulate_output", lambda *_: np.full(50, np.inf))
+
+    assert not lag.lag_errors(STRUCTURES["first_order"], np.zeros(6), data, 0.01).any()

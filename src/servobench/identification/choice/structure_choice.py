@@ -20,7 +20,7 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
-from servobench.core.rounding import change_text
+from servobench.core.rounding import change_text, plain
 from servobench.identification.choice.computed_data import about_computed, fit_to_computed
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
@@ -162,10 +162,8 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
     fits = {each.structure: each for each in (frictionless, with_friction)}
     gains = change_text(frictionless.model["gain"], with_friction.model["gain"])
     if better(with_friction, frictionless):
-        sentence = (
-            f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
-            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {gains}."
-        )
+        explained = _explained_text(frictionless, with_friction)
+        sentence = f"Coulomb friction is needed: {explained} the gain would be {gains}."
         finding = info("friction-found", sentence, parameters=("coulomb_voltage",))
         return _Base(fit=with_friction, findings=(finding,), fits=fits)
     if shifts_parameters(with_friction, frictionless):
@@ -200,6 +198,16 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     else:
         return base, fit
     return replace(base, fit=rival, findings=(found,)), with_friction
+
+
+def _explained_text(without: Fit, fit: Fit) -> str:
+    """By how much more a fit explains than one without its friction, in numbers that differ."""
+    for digits in (1, 2):
+        least, most = (f"{each.fit_percent:.{digits}f}" for each in (without, fit))
+        if least != most:
+            return f"without it the simulation explains {least} % of the output, with it {most} %, and"
+    smaller = 100 * (1 - fit.residual_sd / without.residual_sd)
+    return f"with it the residual is {plain(smaller, 2)} % smaller, and without it"
 
 
 def _friction_possible(gains: str) -> Finding:

@@ -202,7 +202,11 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     taken = f"about {with_unit(value, 's', 2)}" if value > 0 else "none"
     usual = abs(value - prior.middle) <= prior.scale
     why = (
-        "as is usual in control loops" if usual else "which fits best, though few loops have so long a delay"
+        "as is usual with a computer that drives a motor"
+        if usual
+        else "which fits best, though few have so long a delay"
+        if value > 0
+        else "which fits best"
     )
     return info(
         CODE,

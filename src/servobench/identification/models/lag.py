@@ -42,6 +42,8 @@ def lag_errors(structure: Structure, theta: Array, data: Dataset, delay: float) 
         simulate_output(structure, theta, each)
         for each in (data, behind_lag(data, 0.5 * delay), behind_lag(data, delay))
     )
+    if not all(np.isfinite(y).all() for y in (none, half, whole)):
+        return np.zeros((len(none), 2))  # beyond what any motor does: nothing is known of the lag
     return np.column_stack([4.0 * half - whole - 3.0 * none, 2.0 * whole + 2.0 * none - 4.0 * half])
 
 

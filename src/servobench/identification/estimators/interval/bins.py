@@ -42,7 +42,8 @@ def bins(x: Array, quantum: float, s: float) -> Bins:
     a = (0.5 * quantum - np.abs(x)) / s
     b = a - quantum / s
     log_a, log_b = log_ndtr(a), log_ndtr(b)
-    log_p = log_a + np.log1p(-np.exp(log_b - log_a))
+    with np.errstate(invalid="ignore"):  # a trial that runs away to infinity: its likelihood refuses it
+        log_p = log_a + np.log1p(-np.exp(log_b - log_a))
     log_p_root = log_p + 0.5 * np.log(2 * np.pi)
     near, far = np.exp(-0.5 * a * a - log_p_root), np.exp(-0.5 * b * b - log_p_root)
     a_near, b_far = a * near, b * far

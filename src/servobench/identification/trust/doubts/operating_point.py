@@ -43,7 +43,7 @@ def _levels(fit: Fit) -> list[Finding]:
     return [
         info(
             "two-levels",
-            f"The input has two levels only, {levels[0]:g} and {with_unit(levels[1], unit)}, "
+            f"The input has two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, "
             "which can't show whether the motor is linear between them; a staircase or a "
             "multisine can.",
             parameters=("gain",),
