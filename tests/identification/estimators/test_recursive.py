@@ -107,7 +107,7 @@ def packed(t: Array, u: Array, counts: Array, before: float = 0.0) -> Dataset:
     )  # fmt: skip
 
 
-# Prediction error knows what friction leaves of a deviation of the speed at a reversal (decision 0068), the recursive one doesn't.
+# Prediction error knows what friction leaves of a deviation at a reversal (decision 0068), the recursive one doesn't.
 BESIDE_REVERSALS = {("long_rests", 6): 0.56}
 
 
