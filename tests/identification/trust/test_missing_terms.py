@@ -69,7 +69,7 @@ def test_a_motor_that_is_as_the_model_says_is_trusted(seed: int) -> None:
 @pytest.mark.parametrize(
     ("code", "what"),
     [
-        ("friction-depends-on-speed", {"stribeck": 0.8}),
+        ("friction-depends-on-speed", {"stribeck": 0.3}),
         ("drag-not-linear", {"drag": 2e-5}),  # 0.09 V of 3 V at full speed
         ("directions-differ", {"lopsided": 0.02}),
         ("motor-changes", {"warming": 0.02}),

@@ -115,7 +115,7 @@ TERMS = (
         name="friction that depends on the speed",
         sentence="Friction depends on the speed: near standstill it differs from the model's "
         "constant friction (Stribeck), which shifts gain and time constant.",
-        to_input=lambda m: (-np.sign(m.speed) * np.exp(-np.abs(m.speed) / 0.1),),
+        to_input=lambda m: (-np.sign(m.speed) * np.exp(-np.abs(m.speed) / 0.2),),
         rung="stribeck",
         sized=_stribeck_sized,
     ),
