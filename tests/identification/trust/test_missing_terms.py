@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servobench.core.channels import Array
 from servobench.core.finding import Verdict
+from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.result import Result
 from servobench.identification.trust.explanations.base import explain
-from servobench.identification.trust.missing_terms import TERMS, missing_terms
+from servobench.identification.trust.missing_terms import TERMS, missing_terms, score_terms
+from servobench.identification.uncertainty import score_test
 from servobench.identification.uncertainty.score_test import TermScore
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
@@ -179,3 +183,20 @@ def test_a_difference_of_the_directions_is_reported_and_no_doubt(percent: float)
     (told,) = missing_terms([shown])
     assert told.severity == "info"
     assert "The intervals allow for that." in told.sentence
+
+
+def test_a_term_that_leads_beyond_what_any_motor_does_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its response is infinite; a product with it is no number, and NumPy would warn of it, which is an error here."""
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [odd(1, drag=2e-5)])
+    assert any(shown.size > 0.0 for shown in score_terms(fit) if shown.term.to_input is not None)
+    original = score_test.simulate_output
+
+    def simulate(structure: Structure, theta: Array, data: Dataset, u: Array | None = None) -> Array:
+        found = original(structure, theta, data, u)
+        return found if u is None else np.full_like(found, np.inf)
+
+    monkeypatch.setattr(score_test, "simulate_output", simulate)
+
+    driven = [shown for shown in score_terms(fit) if shown.term.to_input is not None]
+    assert len(driven) > 0
+    assert all(shown.size == 0.0 for shown in driven)

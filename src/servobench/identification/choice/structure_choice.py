@@ -162,7 +162,7 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
     fits = {each.structure: each for each in (frictionless, with_friction)}
     gains = change_text(frictionless.model["gain"], with_friction.model["gain"])
     if better(with_friction, frictionless):
-        explained = _benefit_text(frictionless, with_friction)
+        explained = _friction_text(frictionless, with_friction)
         sentence = f"Coulomb friction is needed: {explained} the gain would be {gains}."
         finding = info("friction-found", sentence, parameters=("coulomb_voltage",))
         return _Base(fit=with_friction, findings=(finding,), fits=fits)
@@ -200,7 +200,7 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     return replace(base, fit=rival, findings=(found,)), with_friction
 
 
-def _benefit_text(without: Fit, fit: Fit) -> str:
+def _friction_text(without: Fit, fit: Fit) -> str:
     """By how much more a fit explains than one without its friction, in numbers that differ."""
     for digits in (1, 2):
         least, most = (f"{each.fit_percent:.{digits}f}" for each in (without, fit))
