@@ -36,7 +36,7 @@ _QUICK = 1.0  # of the filter's memory: the longest block
 _SHORTEST = (
     0.01  # of the time constant that a filter was made for: how far a search for another one goes with it
 )
-WEIGHED = 0.35  # of the filter's memory: the longest block that parameters are found from
+WEIGHED = 0.42  # of the filter's memory: the longest block that parameters are found from
 
 
 @dataclass(frozen=True, kw_only=True)
