@@ -37,3 +37,37 @@ def test_a_ramp_from_rest_that_friction_holds_has_no_long_delay(lead: float, pha
     assert result.fit is not None
     assert result.fit.model["delay"] < 0.01
     assert result.fit.model["coulomb_voltage"] == pytest.approx(FRICTION, rel=0.02)
+
+
+def stairs(seed: int) -> Dataset:
+    """Counts under noise of a shaft that friction holds at first, driven by a ramp that climbs in stairs, 2.9 samples late.
+
+    Each stair is one input for the exact θ = ω_∞ t + τ (ω_∞ - ω) of the speed ω that tends to ω_∞ = K (u - u_c).
+    """
+    gain, tau, friction, step, quantum, samples = 307.0, 0.198, 1.37, 4.49e-3, 1.52e-4, 1026
+    u = 1.27 * step * np.arange(samples)
+    w = theta = 0.0
+    y = np.empty(samples)
+    for n in range(samples):
+        y[n] = theta
+        for late, h in ((3, 0.9 * step), (2, 0.1 * step)):
+            drive = max(u[max(n - late, 0)] - friction, 0.0)
+            change = -np.expm1(-h / tau) * (gain * drive - w)
+            theta += gain * drive * h - tau * change
+            w += change
+    noisy = y + 1.2e-4 * np.random.default_rng(seed).standard_normal(samples)
+    return replace(
+        dataset(seed=1, u=u, samples=samples, sample_time=step, y=quantum * np.round(noisy / quantum)),
+        quantum=quantum,
+    )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_stairs_that_determine_the_delay_within_a_sample_do_not_hide_that_it_is_short(seed: int) -> None:
+    """From one sample to the next places look alike; between them the fit is worse, also beside the usual delay."""
+    result = identify(stairs(seed))
+
+    assert result.fit is not None
+    assert result.fit.model["delay"] < 0.1
+    estimate = result.fit.estimates["coulomb_voltage"]
+    assert abs(estimate.value - 1.37) < 3.0 * estimate.sd

@@ -107,6 +107,42 @@ def test_what_is_straight_takes_few_evaluations_and_what_is_bent_is_sampled() ->
     assert propagate(fit(sd=100 * SD), lambda m: np.array([m["gain"] ** 10])).sampled.all()
 
 
+def test_of_many_values_that_change_most_along_nearly_one_line_one_is_enough() -> None:
+    seen: list[float] = []
+    angles = np.linspace(0.0, math.pi, 500)
+
+    def values(model: Model) -> Array:
+        seen.append(1.0)
+        z = (model.theta - (K, TAU, OFFSET, D)) / SD
+        return np.cos(angles) * z[0] + np.sin(angles) * z[1] + np.sin(angles) * z[2]
+
+    found = propagate(fit(), values)
+
+    np.testing.assert_allclose(found.high, TWO_SIDED * np.sqrt(1.0 + np.sin(angles) ** 2), rtol=1e-6)
+    assert len(seen) < 100
+
+
+@pytest.mark.parametrize("angle", np.linspace(0.1, 3.0, 7))
+def test_a_value_that_bends_along_its_own_line_is_sampled_beside_others_that_are_straight(
+    angle: float,
+) -> None:
+    """z² of a tenth moves an end by 0.1 TWO_SIDED² of TWO_SIDED, 20 % of half the interval."""
+    angles = np.append(np.linspace(0.0, math.pi, 200), angle)
+
+    def values(model: Model) -> Array:
+        z = (model.theta - (K, TAU, OFFSET, D)) / SD
+        along = np.cos(angles) * z[0] + np.sin(angles) * z[1]
+        along[-1] += bend * along[-1] ** 2
+        return along
+
+    bend = 0.0
+    assert not propagate(fit(), values).sampled.any()
+    bend = 0.1
+    found = propagate(fit(), values)
+
+    assert found.sampled[200]
+
+
 def test_correlation_counts() -> None:
     # K/τ: relative variance a² + b² - 2 r a b, with a = 1e-3, b = 1e-3
     (low,), (high,) = (

@@ -92,10 +92,11 @@ def where_expected(
     held = _minima_at(structure, data, minimum, prior.at, (prior.middle, shrunk))
     best = _likeliest(data, held, prior, samples)
     if structure.friction:
-        # Where the input climbs in stairs, parts of a sample are told: beside the place that is usual is one that suits the data.
-        settled = lowest(structure, data, (best.theta,))
-        if _likeliest(data, (best, settled), prior, samples) is settled:
-            best, prior = settled, replace(prior, along=_along(settled, minimum, prior.at))
+        # Where the input climbs in stairs, the data determine the delay within a sample: a place beside each held one fits better.
+        settled = [lowest(structure, data, (each.theta,)) for each in held]
+        likeliest = _likeliest(data, (best, *settled), prior, samples)
+        if likeliest is not best:
+            best, prior = likeliest, replace(prior, along=_along(likeliest, minimum, prior.at))
     if _likeliest(data, (minimum, best), prior, samples) is best:
         return best, prior
     return (minimum, replace(prior, along=None)) if sd >= TOLD * prior.scale else None

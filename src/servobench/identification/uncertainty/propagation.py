@@ -33,6 +33,7 @@ Complex: TypeAlias = NDArray[np.complex128]
 Method: TypeAlias = Literal["first order", "sampling"]
 _TRIAL, _FULL = 100, 600  # draws that try the tangent plane, and those that replace it
 _BEND = 0.05  # of half an interval: how far its ends may be moved by what the first order leaves out
+_NEAR = 0.98  # cosine between directions, 11°: one is looked at for both
 _UNDEFINED = 0.025  # of the draws: so many may have no value; they count as lying where the estimate does
 _SEED = 20250  # of the draws; any would do
 _OF_THE_LOOP = {
@@ -207,8 +208,8 @@ def _follows_its_plane(
     """Whether all values that are known are on the tangent plane at the edge of the region that holds 95 % of a parameter.
 
     It is looked at along the axes of the covariance and between each two of them, which shows all second derivatives, and, for
-    each value, where that changes most: there lie the ends of its interval. What is off by a quarter of what would matter, and a
-    fit that has an interval of its own for a parameter, is left to a sample.
+    each value, where that changes most, or within 11° of there: there lie the ends of its interval. What is off by a quarter of
+    what would matter, and a fit that has an interval of its own for a parameter, is left to a sample.
     """
     if fit.intervals:
         return False
@@ -219,7 +220,7 @@ def _follows_its_plane(
     axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T * sd[free]
     known = np.isfinite(half)
     steep = known & (half > 0)
-    steepest = slopes[np.ix_(steep, free)] @ part * (TWO_SIDED / half[steep, None])
+    steepest = _separate(slopes[np.ix_(steep, free)] @ axes.T * (TWO_SIDED / half[steep, None])) @ axes
     lower, upper = fit.model.structure.bounds([fit.model.data])
     between = [(one + other) / math.sqrt(2) for one, other in combinations(axes, 2)]
     for way in TWO_SIDED * np.vstack([axes, *between, steepest]):
@@ -234,6 +235,15 @@ def _follows_its_plane(
             if not (off <= 0.25 * _BEND * half[known] + 1e-9 * np.abs(value[known])).all():
                 return False
     return True
+
+
+def _separate(ways: Array) -> Array:
+    """Those of the unit vectors (N, P) that are farther than `_NEAR` from each other's lines."""
+    separate = np.empty((0, ways.shape[1]))
+    while len(ways):
+        separate = np.vstack([separate, ways[0]])
+        ways = ways[np.abs(ways @ ways[0]) < _NEAR]
+    return separate
 
 
 def gradient(fit: Fit, function: Callable[[Model], NDArray[Any]]) -> NDArray[Any]:

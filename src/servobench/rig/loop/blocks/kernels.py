@@ -61,12 +61,10 @@ def run_block(
     for k in range(at.NUMBERS):
         held[k] = p[k]
     for k in range(at.FIRST_POINT):
-        begun[k] = s[k]
+        begun[k] = ended[k] = s[k]
     done = 0
     while done < len(references):
         reference = references[done]
-        for k in range(at.FIRST_POINT):
-            ended[k] = begun[k]
         if not latch(c, held, ended, coming, normals, factor):
             break
         counts, time = int(ended[at.COUNTS]), ended[at.TIME]
@@ -173,6 +171,8 @@ def advance(c: Array, p: Array, s: Array, normals: Array, factor: Array, time: f
 @strictly_inlined
 def wrap(whole: int, half: int) -> int:
     """Return a count as a signed counter of 2 half numbers shows it."""
+    if -half <= whole < half:
+        return whole  # what follows is the slowest of all that a tick does
     return (whole + half) % (2 * half) - half
 
 
