@@ -92,7 +92,7 @@ def where_expected(
     held = _minima_at(structure, data, minimum, prior.at, (prior.middle, shrunk))
     best = _likeliest(data, held, prior, samples)
     if structure.friction:
-        # Where the input climbs in stairs, the data determine the delay within a sample: a place beside each held one fits better.
+        # An input that climbs in stairs determines parts of a sample: beside each held place one fits better.
         settled = [lowest(structure, data, (each.theta,)) for each in held]
         likeliest = _likeliest(data, (best, *settled), prior, samples)
         if likeliest is not best:
