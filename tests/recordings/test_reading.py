@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import xarray
 
 import servobench as sb
 from servobench.core.errors import MissingInformation, UnitError, UnknownName, UsageError
+from servobench.recordings.adapters.base import unique_names
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.reading import datasets_in, evidence_in
 
@@ -241,3 +243,36 @@ def test_a_column_of_numbers_with_a_few_texts_is_read_and_says_so() -> None:
     [finding] = [each for each in found.recording.findings if each.code == "cell-not-a-number"]
     assert "'err'" in finding.sentence
     assert "row 2" in finding.sentence
+
+
+def recordings_from(*sources: str) -> list[sb.Recording]:
+    arrays = {name: value for name, value in AS_ARRAYS.items() if name != "starts_at_rest"}
+    recording = evidence_in(None, argument="data", **arrays)[0].recording
+    return [
+        replace(recording, name=Path(path).stem, source=replace(recording.source, name=path))
+        for path in sources
+    ]
+
+
+@pytest.mark.parametrize(
+    ("sources", "names"),
+    [
+        (("a/log.csv", "b/log.csv"), ["a/log", "b/log"]),
+        (("x/a/log.csv", "y/a/log.csv", "x/b/log.csv"), ["x/a/log", "y/a/log", "x/b/log"]),
+        (("a/log.csv", "a/log.csv"), ["log 1", "log 2"]),
+        (("a/log.csv", "a/log.mat", "b/log.csv"), ["log 1", "log 2", "b/log"]),
+        (("a/log.csv", "other.csv"), ["log", "other"]),
+        (("", ""), [" 1", " 2"]),
+    ],
+)
+def test_files_of_one_name_are_told_apart_by_their_folders(
+    sources: tuple[str, ...], names: list[str]
+) -> None:
+    assert [each.name for each in unique_names(recordings_from(*sources))] == names
+
+
+def test_of_recordings_in_files_of_one_name_each_has_its_folder_before_its_own_name() -> None:
+    recordings = [replace(each, name="run") for each in recordings_from("a/log.csv", "b/log.csv")]
+
+    assert [each.name for each in unique_names(recordings)] == ["a/log run", "b/log run"]
+    assert unique_names(()) == ()

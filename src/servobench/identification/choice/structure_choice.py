@@ -224,8 +224,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
     stands = any(stands_at_first(record) for record in data)
     late = not is_usual(one_way)  # a delay may replace friction that the input has to overcome
-    rests = _stands(data) or _would_stop(one_way)
-    if not (begins or stands or late) and (explains_the_colour(one_way) or not rests):
+    if not (begins or stands or late or _stands(data) or _would_stop(one_way)):
         return simple
     try:
         with_rest = fit_structure(method, STRUCTURES["first_order_one_way_rest"], data)

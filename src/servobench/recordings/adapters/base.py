@@ -60,10 +60,12 @@ def _list_of_kinds() -> str:
 
 
 def unique_names(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Return the recordings with unique names: equal names get the file's name in front, or a number."""
+    """Return the recordings with unique names: equal ones get the file's name, its folders if they differ, or a number."""
     names = [each.name for each in recordings]
-    stems = [PurePath(each.source.name).stem for each in recordings]
-    longer = [f"{stem} {name}".strip() for stem, name in zip(stems, names, strict=True)]
+    longer = [
+        file if PurePath(file).name == name else f"{file} {name}".strip()
+        for file, name in zip(_short_paths([each.source.name for each in recordings]), names, strict=True)
+    ]
     own = [
         each if longer.count(each) == 1 else f"{name} {k + 1}"
         for k, (each, name) in enumerate(zip(longer, names, strict=True))
@@ -72,3 +74,14 @@ def unique_names(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
         replace(each, name=name) if names.count(each.name) > 1 else each
         for each, name in zip(recordings, own, strict=True)
     )
+
+
+def _short_paths(sources: Sequence[str]) -> list[str]:
+    """The paths without suffixes, with as few of their folders as tell different ones apart."""
+    paths = [path.parent / path.stem for path in map(PurePath, sources)]
+    deepest = max((len(path.parts) for path in paths), default=0)
+    for depth in range(1, deepest + 1):
+        ends = [path.parts[-depth:] for path in paths]
+        if len(set(ends)) == len(set(paths)):
+            return ["/".join(end) for end in ends]
+    return [str(path) for path in paths]
