@@ -136,7 +136,9 @@ def likelihoods_of_ratios(
     x, spread, sums = np.empty_like(columns), np.empty(len(columns)), np.empty((width, width))
     h, g = np.empty((size, size)), np.empty(size)
     for n in range(len(ratios)):
-        x[:] = columns
+        for m in range(len(columns)):
+            for i in range(width):
+                x[m, i] = columns[m, i]
         h[:], g[:] = 0.0, 0.0
         for i in range(size):
             h[i, i] = prior[i]

@@ -371,6 +371,13 @@ def select_columns(total: Array, columns: NDArray[np.int64]) -> Array:
 
 
 @compiled
+def copy_scaled(values: Array, factor: float, out: Array) -> None:
+    """Fill out (M,) with a factor times values (M,); an assignment of arrays takes Numba a second more to compile."""
+    for m in range(len(values)):
+        out[m] = factor * values[m]
+
+
+@compiled
 def separable_moments(
     t_in: Array,
     u: Array,
@@ -390,7 +397,7 @@ def separable_moments(
     is taken from the data. t_out (M,) are the samples to use, y (M,) their values; the first is where the record begins.
     """
     block = np.empty((len(columns) + 1, len(t_out)))
-    block[len(columns)] = y
+    copy_scaled(y, 1.0, block[len(columns)])
     out = np.empty((len(points), len(block), len(block)))
     decay, free = np.empty(len(t_out)), np.empty(len(t_out))
     driven, braked = np.empty((2, len(t_out))), np.empty((2, len(t_out)))
@@ -408,16 +415,18 @@ def separable_moments(
         row = RATE if speed_out != 0.0 else ANGLE
         for c in range(len(columns)):
             if columns[c] == GAIN:
-                block[c] = driven[row]
+                copy_scaled(driven[row], 1.0, block[c])
             elif columns[c] == COULOMB:
-                block[c] = -braked[row]
+                copy_scaled(braked[row], -1.0, block[c])
             elif columns[c] == POSITION:
                 block[c] = 1.0
-            elif speed_out != 0.0:
-                block[c] = free - 1.0 if columns[c] == OFFSET else free
             else:
-                coasted = tau * (1.0 - free)
-                block[c] = coasted - (t_out - t_out[0]) if columns[c] == OFFSET else coasted
+                offset = 1.0 if columns[c] == OFFSET else 0.0
+                for m in range(len(t_out)):
+                    if speed_out != 0.0:
+                        block[c, m] = free[m] - offset
+                    else:
+                        block[c, m] = tau * (1.0 - free[m]) - offset * (t_out[m] - t_out[0])
         for i in range(len(block)):
             for c in range(i + 1):
                 out[n, i, c] = out[n, c, i] = inner(block[i], block[c])
@@ -518,23 +527,24 @@ def separate_costs(moments: Array, shared: int, costs: Array, linear: Array) -> 
     own, y = width - shared - 1, width - 1
     for n in range(points):
         joint = np.zeros((shared + 1, shared + 1))
-        scale = np.zeros(shared + 1)
+        scale, size = np.zeros(shared + 1), np.empty(y)
         for r in range(records):
             a = moments[r, n]
-            size = np.diag(a).copy()
-            scale[:shared] += size[:shared]
-            scale[shared] += size[y]
+            for c in range(shared + 1):
+                scale[c] += a[y if c == shared else c, y if c == shared else c]
+            for c in range(shared, y):
+                size[c] = a[c, c]
             for c in range(shared, y):
                 sweep(a, c, size[c])
-            joint[:shared, :shared] += a[:shared, :shared]
-            joint[:shared, shared] += a[:shared, y]
-            joint[shared, :shared] += a[y, :shared]
-            joint[shared, shared] += a[y, y]
+            for i in range(shared + 1):
+                for c in range(shared + 1):
+                    joint[i, c] += a[y if i == shared else i, y if c == shared else c]
         for c in range(shared):
             sweep(joint, c, scale[c])
         # What rounding leaves of a perfect fit is no difference between two points.
         costs[n] = max(joint[shared, shared], 1e-13 * scale[shared])
-        linear[n, :shared] = joint[:shared, shared]
+        for i in range(shared):
+            linear[n, i] = joint[i, shared]
         for r in range(records):
             a = moments[r, n]
             for c in range(own):

@@ -77,7 +77,8 @@ _C1, _C2, _C3, _C4, _C5, _C6 = 1 / 2, 1 / 12, 1 / 30, 1 / 56, 1 / 90, 1 / 132
 def motor_of(p: Array) -> Array:
     """Return the motor (21,) for a vector p (13,)."""
     m = np.empty(MOTOR)
-    m[:COLUMNS] = p
+    for k in range(COLUMNS):
+        m[k] = p[k]
     m[RATE] = 1.0 / p[TAU]
     m[PUSH] = p[GAIN] / p[TAU]
     m[BRAKE] = abs(m[PUSH])
@@ -415,7 +416,9 @@ def response(
                 after = 0.0
                 if sense != 0.0:
                     after = slope(motor, v, sense, side, sine, cosine, w, stribeck, gravity)[0]
-                x[1, :] *= after / f if f != 0.0 else 0.0
+                left = after / f if f != 0.0 else 0.0
+                for c in range(x.shape[1]):
+                    x[1, c] *= left
         now = until
         sine, cosine = of_angle(angle, gravity)  # afresh, so that rounding doesn't add up
         if changes:

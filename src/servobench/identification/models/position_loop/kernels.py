@@ -61,8 +61,8 @@ def aim(s: Array, p: Array, v: float, sense: float, friction: float) -> None:
     for c in range(COLUMNS + 1):
         s[END, c] = 0.0
     if sense == 0.0:
-        s[RATE, :] = 0.0
-        s[END, :] = s[ANGLE, :]
+        for c in range(COLUMNS + 1):
+            s[RATE, c], s[END, c] = 0.0, s[ANGLE, c]
         return
     s[END, OFFSET] = -1.0
     s[END, DEAD] = -sense * friction

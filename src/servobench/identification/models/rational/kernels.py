@@ -216,14 +216,17 @@ def march(
     known = transitions(field, powers, h0, steps)
     term, sum_ = np.empty(size), np.empty(size)
     for e in range(len(length)):
-        x[size - held :] = inputs[e]
+        for i in range(held):
+            x[size - held + i] = inputs[e, i]
         if which[e] >= 0:
             times(known[which[e]], x, term)
-            x[:] = term
+            for i in range(size):
+                x[i] = term[i]
         elif length[e] > 0.0:
             advance(field, powers, h0, length[e], x, term, sum_)
         if sample[e] >= 0:
-            out[sample[e]] = x
+            for i in range(size):
+                out[sample[e], i] = x[i]
 
 
 @compiled
