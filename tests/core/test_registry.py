@@ -55,13 +55,26 @@ def test_a_file_in_the_folder_is_a_member_without_a_line_elsewhere(fruits: Path)
     assert [member.__name__ for member in kind()] == ["apple", "pear", "plum"]
 
 
-def test_the_members_are_imported_when_one_is_first_asked_for_and_kernels_not_even_then(fruits: Path) -> None:
+def test_a_member_is_imported_when_it_is_first_asked_for_all_with_their_names_and_kernels_not_even_then(
+    fruits: Path,
+) -> None:
     (fruits / "kernels.py").write_text("raise RuntimeError('imported')")
     registry = kind()
 
     assert "fruits.apple" not in sys.modules
     assert registry["apple"].__name__ == "apple"
-    assert "fruits.pear" in sys.modules
+    assert "fruits.pear" not in sys.modules
+    assert registry.names() == ("apple", "pear")
+    with pytest.raises(UnknownName):
+        registry["kernels"]
+
+
+@pytest.mark.parametrize("name", ["base", "fruits.pear", "../pear", "", "péar"])
+def test_a_file_of_the_folder_that_is_no_member_and_what_is_no_name_are_unknown(
+    fruits: Path, name: str
+) -> None:
+    with pytest.raises(UnknownName):
+        kind()[name]
 
 
 def test_an_unknown_name_is_reported_with_the_nearest_and_all_known_ones(fruits: Path) -> None:

@@ -9,20 +9,23 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from types import FunctionType
 from typing import Any, Generic, TypeVar
 
 from servobench.core.errors import UnknownName, UsageError
 
 T = TypeVar("T")
+_KERNELS = "kernels"
 
 
 class Registry(Generic[T]):
     """The members of one kind by name.
 
-    `kind` is the singular noun that error messages use; `package` is the folder. Its modules are imported when a member is
-    first requested, so that defining a kind costs nothing at start-up. Members of other packages come from the
-    entry-point `group`, which is named like the folder unless it says otherwise: a folder may move, a group may not.
+    `kind` is the singular noun that error messages use; `package` is the folder. A module is imported when the member of its
+    name is first requested, and all are for any other question, so that defining a kind costs nothing at start-up. Members of
+    other packages come from the entry-point `group`, which is named like the folder unless it says otherwise: a folder may move,
+    a group may not.
     """
 
     def __init__(self, kind: str, package: str, group: str | None = None) -> None:
@@ -64,6 +67,8 @@ class Registry(Generic[T]):
 
     def __getitem__(self, name: str) -> T:
         """Return the member of that name, fixed or of a family; raises `UnknownName`, which lists the known ones."""
+        if isinstance(name, str) and self._has_at_home(name):
+            return self._members[name]
         self._load()
         if not isinstance(name, str):
             raise UnknownName(self.kind, name, self._members)
@@ -127,6 +132,14 @@ class Registry(Generic[T]):
                 return name
         raise UsageError(f"{found!r} isn't a known {self.kind}; known: {', '.join(self.names())}")
 
+    def _has_at_home(self, name: str) -> bool:
+        """Whether a member is known, or becomes known by importing the file that is named like it: the others aren't needed."""
+        if not self._complete and name not in self._members and name.isidentifier() and name != _KERNELS:
+            module = f"{self.package}.{name}"
+            if find_spec(module) is not None:
+                importlib.import_module(module)
+        return name in self._members
+
     def _load(self) -> None:
         if self._complete:
             return
@@ -141,7 +154,7 @@ class Registry(Generic[T]):
         folder = importlib.import_module(self.package)
         for module in pkgutil.iter_modules(folder.__path__):
             # Compiled kernels belong to members and are none; importing them costs a second that a look at the names shouldn't.
-            if module.name != "kernels":
+            if module.name != _KERNELS:
                 importlib.import_module(f"{self.package}.{module.name}")
         for plug_in in _plug_ins().select(group=self.group):
             try:

@@ -132,14 +132,14 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
         check_type("recordings", each, Recording, "a Recording, or a list of them")
     if not several:
         raise UsageError(f"{file}: there is no recording to write")
-    names = [name for name in FORMATS.names() if file.suffix.lower() in FORMATS[name].suffixes]
-    if not names:
+    form = _format_with(file.suffix.lower())
+    if form is None:
         raise UsageError(f"{file}: no file format ends in {file.suffix!r}; known: {_format_names()}")
     try:
         # Written apart and then moved, so that what is there stays until the new file is whole.
         with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
             new = Path(folder) / file.name
-            FORMATS[names[0]]().write(several, new)
+            form().write(several, new)
             new.replace(file)
     except StorageError:
         raise
@@ -209,6 +209,13 @@ def _format_of(file: Path, head: bytes) -> str:
     for name in (*agreed, *by_content, *by_suffix):
         return name
     raise FormatError(f"{file} is in an unknown format; known: {_format_names()}")
+
+
+def _format_with(suffix: str) -> type[Format] | None:
+    """The format whose files end so; most are called like the suffix, and then the others aren't imported."""
+    own = suffix[1:]
+    names = (own,) if own in FORMATS and suffix in FORMATS[own].suffixes else FORMATS.names()
+    return next((FORMATS[name] for name in names if suffix in FORMATS[name].suffixes), None)
 
 
 def _format_names() -> str:
