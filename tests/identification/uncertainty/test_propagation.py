@@ -143,6 +143,17 @@ def test_a_value_that_bends_along_its_own_line_is_sampled_beside_others_that_are
     assert found.sampled[200]
 
 
+def test_of_parameters_that_are_known_together_only_to_rounding_the_bands_come_to_an_end() -> None:
+    """Gain and time constant vary as one: what rounding leaves of the other direction is no length of one."""
+    together = fit(correlation=1.0 - 1e-16)
+
+    found = propagate(
+        together, lambda m: np.array([m["gain"] / SD[0] - m["time_constant"] / SD[1], m["gain"], m["delay"]])
+    )
+
+    assert found.high[1:] == pytest.approx([K + TWO_SIDED * SD[0], D + TWO_SIDED * SD[3]], rel=1e-6)
+
+
 def test_correlation_counts() -> None:
     # K/τ: relative variance a² + b² - 2 r a b, with a = 1e-3, b = 1e-3
     (low,), (high,) = (

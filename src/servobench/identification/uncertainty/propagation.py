@@ -239,10 +239,11 @@ def _follows_its_plane(
 
 def _separate(ways: Array) -> Array:
     """Those of the unit vectors (N, P) that are farther than `_NEAR` from each other's lines."""
-    separate = np.empty((0, ways.shape[1]))
+    separate = ways[:0]
     while len(ways):
-        separate = np.vstack([separate, ways[0]])
-        ways = ways[np.abs(ways @ ways[0]) < _NEAR]
+        first, others = ways[:1], ways[1:]
+        separate = np.vstack([separate, first])
+        ways = others[np.abs(others @ first[0]) < _NEAR]
     return separate
 
 
