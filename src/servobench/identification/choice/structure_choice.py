@@ -232,7 +232,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
         return simple
     fits = {each.structure: each for each in (one_way, with_rest)}
     # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead.
-    drifts = not late or not is_usual(with_rest) or with_rest.residual_sd > _AS_GOOD * one_way.residual_sd
+    drifts = not is_usual(with_rest) or with_rest.residual_sd > _AS_GOOD * one_way.residual_sd
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
     worth = worth or (any(record.starts_at_rest for record in data) and _drives(one_way))
     if not with_rest.converged or not worth:
