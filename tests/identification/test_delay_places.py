@@ -71,3 +71,36 @@ def test_stairs_that_determine_the_delay_within_a_sample_do_not_hide_that_it_is_
     assert result.fit.model["delay"] < 0.1
     estimate = result.fit.estimates["coulomb_voltage"]
     assert abs(estimate.value - 1.37) < 3.0 * estimate.sd
+
+
+@pytest.mark.parametrize(
+    ("gain", "tau", "friction"), [(20.0, 0.05, 1.0), (46.4, 0.0336, 0.656), (46.4, 0.0336, 1.0)]
+)
+@pytest.mark.parametrize("times", [4.0, 6.0])
+def test_friction_on_a_short_ramp_from_rest_is_no_delay(
+    gain: float, tau: float, friction: float, times: float
+) -> None:
+    """A delay of the friction over the slope explains 200 fine counts a little better, for the rounding of the rest."""
+    step, samples, quantum = times * tau / 200, 200, 2 * np.pi / 8192
+    rate = 5.0 / (step * samples)
+    u = rate * step * np.arange(samples)
+    w = theta = 0.0
+    y = np.empty(samples)
+    for n in range(samples):
+        y[n] = theta
+        drive = max(u[n] - friction, 0.0)
+        change = -np.expm1(-step / tau) * (gain * drive - w)
+        theta += gain * drive * step - tau * change
+        w += change
+    y = quantum * np.floor(y / quantum) + 0.5 * quantum
+
+    result = identify(
+        replace(
+            dataset(seed=1, u=u, samples=samples, sample_time=step, y=y), quantum=quantum, input_before=0.0
+        )
+    )
+
+    assert result.fit is not None
+    for name, truth in (("delay", 0.0), ("coulomb_voltage", friction), ("gain", gain)):
+        estimate = result.fit.estimates[name]
+        assert abs(estimate.value - truth) < 3.0 * estimate.sd, name

@@ -311,7 +311,7 @@ def test_nominal_values_stand_beside_the_identified_ones(good: Result) -> None:
 
     words = Page(Report(None, replace(good, nominal=comparisons)).html()).words.replace("\u00a0", " ")
 
-    assert "Gain outside the interval 20 rad/(s·V) 21.00 ± 0.49 rad/(s·V) +5 % +4" in words
+    assert "Gain outside the interval of the data 20 rad/(s·V) 21.00 ± 0.49 rad/(s·V) +5 % +4" in words
     assert "Delay not determined 0 s 1 ms – –" in words
     assert "gain 5 % ± 2.4 %" in words  # in the figure's description
 

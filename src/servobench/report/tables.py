@@ -217,7 +217,7 @@ def _comparison_row(comparison: Comparison) -> ComparisonRow:
         identified=str(round_value(comparison.identified, half, comparison.unit)),
         percent=percent,
         deviations=_sign_text(comparison.z) if known else "–",
-        judgement=("within the interval" if inside else "outside the interval")
+        judgement=("within the interval of the data" if inside else "outside the interval of the data")
         if known
         else "not determined",
     )

@@ -40,7 +40,7 @@ from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import beside_torque, score_terms
-from servobench.identification.trust.validation import explains_the_colour
+from servobench.identification.trust.validation import explains_the_colour, is_rounding
 from servobench.identification.uncertainty.identifiability import drive_level
 from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
@@ -232,7 +232,8 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
         return simple
     fits = {each.structure: each for each in (one_way, with_rest)}
     # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead.
-    drifts = not is_usual(with_rest) or with_rest.residual_sd > _AS_GOOD * one_way.residual_sd
+    as_good = with_rest.residual_sd <= _AS_GOOD * one_way.residual_sd or is_rounding(with_rest)
+    drifts = not (is_usual(with_rest) and as_good)
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
     worth = worth or (any(record.starts_at_rest for record in data) and _drives(one_way))
     if not with_rest.converged or not worth:

@@ -171,7 +171,7 @@ def _one_of_several(
     others = [each for each in settled if is_in_doubt(each)]
     if not others:
         return None
-    best = min((minimum, *others), key=lambda each: _loss(each, prior, samples))
+    best = _likeliest(data, (minimum, *others), prior, samples)
     other = others[0] if best is minimum else minimum
     return best, replace(prior, along=_along(best, other, prior.at))
 
