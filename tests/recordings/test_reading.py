@@ -260,6 +260,7 @@ def recordings_from(*sources: str) -> list[sb.Recording]:
         (("a/log.csv", "b/log.csv"), ["a/log", "b/log"]),
         (("x/a/log.csv", "y/a/log.csv", "x/b/log.csv"), ["x/a/log", "y/a/log", "x/b/log"]),
         (("a/log.csv", "a/log.csv"), ["log 1", "log 2"]),
+        (("a/log.csv", "./b/../a/log.csv", str(Path("a/log.csv").absolute())), ["log 1", "log 2", "log 3"]),
         (("a/log.csv", "a/log.mat", "b/log.csv"), ["log 1", "log 2", "b/log"]),
         (("a/log.csv", "other.csv"), ["log", "other"]),
         (("", ""), [" 1", " 2"]),

@@ -52,10 +52,21 @@ def test_where_ending_and_content_differ_the_content_decides_and_a_finding_says_
 def test_a_missing_file_is_an_error_that_names_a_similar_one(tmp_path: Path) -> None:
     (tmp_path / "motor_log.csv").write_text(TABLE)
 
-    with pytest.raises(UsageError, match=r"there is no file .*moter_log.csv; did you mean 'motor_log.csv'"):
+    with pytest.raises(UsageError) as caught:
         load(tmp_path / "moter_log.csv")
+    meant = str(tmp_path / "motor_log.csv")
+    assert str(caught.value) == f"there is no file {tmp_path / 'moter_log.csv'}; did you mean {meant!r}?"
     with pytest.raises(UsageError, match="there is no file"):
         load(tmp_path / "nowhere" / "moter_log.csv")
+
+
+def test_a_link_to_nothing_is_called_that(tmp_path: Path) -> None:
+    link = tmp_path / "log.csv"
+    link.symlink_to("gone.csv")
+
+    with pytest.raises(UsageError) as caught:
+        load(link)
+    assert str(caught.value) == f"{link} is a link to gone.csv, which isn't there; name the file itself"
 
 
 @pytest.mark.parametrize("name", ["a" * 5000, "nul\0.csv"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePath
@@ -77,8 +78,9 @@ def unique_names(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 
 
 def _short_paths(sources: Sequence[str]) -> list[str]:
-    """The paths without suffixes, with as few of their folders as tell different ones apart."""
-    paths = [path.parent / path.stem for path in map(PurePath, sources)]
+    """The paths without suffixes, with as few of their folders as tell different files apart, however they were written."""
+    whole = [PurePath(os.path.abspath(source) if source else "") for source in sources]
+    paths = [path.parent / path.stem for path in whole]
     deepest = max((len(path.parts) for path in paths), default=0)
     for depth in range(1, deepest + 1):
         ends = [path.parts[-depth:] for path in paths]

@@ -191,10 +191,12 @@ def _check_is_there(file: Path) -> None:
         raise UsageError(
             f"{file} is a folder, and no bag of ROS 2 (it lacks metadata.yaml); name a file in it{_in_folder(file)}"
         )
+    if file.is_symlink() and not file.exists():
+        raise UsageError(f"{file} is a link to {os.readlink(file)}, which isn't there; name the file itself")
     if not file.exists():
         folder = file.parent
         near = get_close_matches(file.name, os.listdir(folder), n=1) if folder.is_dir() else []
-        hint = f"; did you mean {near[0]!r}?" if near else ""
+        hint = f"; did you mean {str(folder / near[0])!r}?" if near else ""
         raise UsageError(f"there is no file {file}{hint}")
     if not file.is_file():
         raise UsageError(f"{file} isn't a regular file; copy its content to one")
