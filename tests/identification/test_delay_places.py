@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from servobench.core.channels import Array
 from servobench.identification.identify import identify
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
@@ -39,27 +40,33 @@ def test_a_ramp_from_rest_that_friction_holds_has_no_long_delay(lead: float, pha
     assert result.fit.model["coulomb_voltage"] == pytest.approx(FRICTION, rel=0.02)
 
 
-def stairs(seed: int) -> Dataset:
-    """Counts under noise of a shaft that friction holds at first, driven by a ramp that climbs in stairs, 2.9 samples late.
+def angle_from_rest(
+    u: Array, gain: float, tau: float, friction: float, parts: tuple[tuple[int, float], ...]
+) -> Array:
+    """The angle (N,) before each input u (N,) of a shaft that friction holds; u of so many samples ago acts in parts of one [s].
 
-    Each stair is one input for the exact θ = ω_∞ t + τ (ω_∞ - ω) of the speed ω that tends to ω_∞ = K (u - u_c).
+    Under one input it is the exact θ = ω_∞ t + τ (ω_∞ - ω) of the speed ω that tends to ω_∞ = K (u - u_c).
     """
-    gain, tau, friction, step, quantum, samples = 307.0, 0.198, 1.37, 4.49e-3, 1.52e-4, 1026
-    u = 1.27 * step * np.arange(samples)
     w = theta = 0.0
-    y = np.empty(samples)
-    for n in range(samples):
+    y = np.empty(len(u))
+    for n in range(len(u)):
         y[n] = theta
-        for late, h in ((3, 0.9 * step), (2, 0.1 * step)):
-            drive = max(u[max(n - late, 0)] - friction, 0.0)
-            change = -np.expm1(-h / tau) * (gain * drive - w)
-            theta += gain * drive * h - tau * change
+        for late, h in parts:
+            end = gain * max(u[max(n - late, 0)] - friction, 0.0)
+            change = -np.expm1(-h / tau) * (end - w)
+            theta += end * h - tau * change
             w += change
+    return y
+
+
+def stairs(seed: int) -> Dataset:
+    """Counts under noise of a shaft that friction holds at first, driven by a ramp that climbs in stairs, 2.9 samples late."""
+    step, quantum, samples = 4.49e-3, 1.52e-4, 1026
+    u: Array = 1.27 * step * np.arange(samples, dtype=np.float64)
+    y = angle_from_rest(u, 307.0, 0.198, 1.37, ((3, 0.9 * step), (2, 0.1 * step)))
     noisy = y + 1.2e-4 * np.random.default_rng(seed).standard_normal(samples)
-    return replace(
-        dataset(seed=1, u=u, samples=samples, sample_time=step, y=quantum * np.round(noisy / quantum)),
-        quantum=quantum,
-    )
+    data = dataset(seed=1, u=u, samples=samples, sample_time=step, y=quantum * np.round(noisy / quantum))
+    return replace(data, quantum=quantum)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -82,16 +89,8 @@ def test_friction_on_a_short_ramp_from_rest_is_no_delay(
 ) -> None:
     """A delay of the friction over the slope explains 200 fine counts a little better, for the rounding of the rest."""
     step, samples, quantum = times * tau / 200, 200, 2 * np.pi / 8192
-    rate = 5.0 / (step * samples)
-    u = rate * step * np.arange(samples)
-    w = theta = 0.0
-    y = np.empty(samples)
-    for n in range(samples):
-        y[n] = theta
-        drive = max(u[n] - friction, 0.0)
-        change = -np.expm1(-step / tau) * (gain * drive - w)
-        theta += gain * drive * step - tau * change
-        w += change
+    u: Array = 5.0 / samples * np.arange(samples, dtype=np.float64)
+    y = angle_from_rest(u, gain, tau, friction, ((0, step),))
     y = quantum * np.floor(y / quantum) + 0.5 * quantum
 
     result = identify(

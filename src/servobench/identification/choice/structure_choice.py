@@ -231,7 +231,8 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     except NotIdentifiable:
         return simple
     fits = {each.structure: each for each in (one_way, with_rest)}
-    # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead.
+    # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead, and
+    # follow the rounding of the rest besides. What is as good, or as rounding, is no worse.
     as_good = with_rest.residual_sd <= _AS_GOOD * one_way.residual_sd or is_rounding(with_rest)
     drifts = not (is_usual(with_rest) and as_good)
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
