@@ -85,21 +85,31 @@ def test_a_delay_at_its_bound_is_not_taken_for_the_delay() -> None:
     assert abs(minimum.theta[at] - GAIN) < FAR * np.sqrt(covariance[at, at])
 
 
-@pytest.mark.parametrize(("kp", "size", "torque_noise"), [(1.0, 2.0, 2e-5), (0.3, 1.0, 1e-5)])
+@pytest.mark.parametrize(
+    ("kp", "size", "torque_noise", "seed"), [(1.0, 2.0, 2e-5, 1), (0.5, 1.0, 1e-5, 3), (0.3, 1.0, 1e-5, 1)]
+)
 def test_what_a_controller_answers_to_a_torque_is_not_taken_for_gravity(
-    kp: float, size: float, torque_noise: float
+    kp: float, size: float, torque_noise: float, seed: int
 ) -> None:
-    """Of 20 seeds this is the one in which chance looks most like gravity: the gain was 3 and 36 standard deviations off."""
-    result = identify(stepped(kp, size, torque_noise, seed=1))
+    """Of all seeds tried these look most like gravity, in one gain each: taken for it, the gain was 3 to 36 deviations off."""
+    result = identify(stepped(kp, size, torque_noise, seed=seed))
 
     assert result.fit is not None
     assert result.fit.structure == "first_order_coulomb"
     assert off(result) < FAR
+    assert result.verdict is Verdict.DOUBTFUL
+
+
+@pytest.mark.parametrize(("kp", "size", "torque_noise", "seed"), [(1.0, 2.0, 2e-5, 1), (0.5, 1.0, 1e-5, 3)])
+def test_gravity_that_a_closed_loop_can_not_show_is_named(
+    kp: float, size: float, torque_noise: float, seed: int
+) -> None:
+    """Where chance looks like gravity, the data can't tell whether it is there, and an open loop would."""
+    result = identify(stepped(kp, size, torque_noise, seed=seed))
     hidden = [finding.sentence for finding in result.findings if finding.code == "term-hidden"]
     assert len(hidden) == 1
     assert "gravity" in hidden[0]
     assert "open loop" in hidden[0]
-    assert result.verdict is Verdict.DOUBTFUL
 
 
 def test_gravity_that_is_there_is_found_in_a_closed_loop_under_a_random_torque() -> None:

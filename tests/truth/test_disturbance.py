@@ -196,3 +196,63 @@ def test_blocks_break_at_gaps_and_stops() -> None:
     assert found.times[1] == pytest.approx(0.01)
     assert found.sliding.left.tolist() == [1, 1, 1, 1, 0]
     assert found.means(data.y[keep])[1] == pytest.approx(data.y[4:7].mean())
+
+
+def _with_rests(seed: int, torque: float):  # type: ignore[no-untyped-def]
+    """A motor that rests for two fifths of the time, with friction that holds it."""
+    t = 0.002 * np.arange(5000)
+    u = np.where(t % 2.5 < 1.0, 0.0, 2.0 * np.sign(np.sin(2 * np.pi * 0.7 * t)))
+    return dataset(seed=seed, truth=drawn(seed), torque_noise=torque, u=u)
+
+
+def test_the_rounding_of_a_rest_is_no_colour_and_no_noise() -> None:
+    """All samples of a rest have one error. It made the innovations coloured, and their r up to twenty times what it is."""
+    for seed in range(8):
+        fit = identify(_with_rests(seed, 1e-6)).fit
+        assert fit is not None
+        assert fit.estimator == "prediction_error", seed
+        # 3000 samples in motion know r to 3 %, and rounding is nearly white.
+        assert fit.residual_sd == pytest.approx(QUANTUM / np.sqrt(12), rel=0.15)
+
+
+def test_a_rest_says_as_much_as_one_sample_does() -> None:
+    from servobench.identification.estimators.disturbance import Disturbance, whiten
+
+    data = dataset(seed=1, samples=60)
+    still = np.arange(60) >= 40
+    data = replace(data, y=np.where(still, data.y[40], data.y))
+    sliding = Sliding(left=np.where(still, 0.0, 1.0), turns=data.t_output)
+    noise = Disturbance(tau=0.1, ratio=1e4, variance=QUANTUM**2 / 12)
+    columns = np.random.default_rng(1).standard_normal((60, 2))
+    columns[40:] = columns[40]
+    short = replace(data, t_output=data.t_output[:41], y=data.y[:41])
+    of_one = whiten(columns[:41], short, Sliding(left=sliding.left[:41], turns=sliding.turns[:41]), noise)
+    of_all = whiten(columns, data, sliding, noise)
+    assert of_all[:40] == pytest.approx(of_one[:40])
+    assert np.sum(of_all[40:] ** 2, axis=0) == pytest.approx(of_one[40] ** 2)
+
+
+def test_a_shaft_that_the_torque_moves_in_spite_of_friction_does_not_rest() -> None:
+    """Held to rest there, the shaft's creep was noise of the measurement, and of the colour that no torque makes."""
+    from servobench.identification.estimators.disturbance import blocks_of
+
+    random = np.random.default_rng(3)
+    data, still = dataset(seed=1, samples=200), np.arange(200) >= 100
+    rests = Sliding(left=np.where(still, 0.0, 1.0), turns=data.t_output)
+    creep = np.round(20 * np.sin(0.1 * np.arange(200))) * QUANTUM
+    dither = random.integers(0, 2, 200) * QUANTUM
+    for y, left in ((creep, 1.0), (dither, 0.0)):
+        found = blocks_of(replace(data, y=y), rests, 0.002, rest=1.0)
+        assert found.sliding.left[found.starts >= 100].tolist() == [left] * (100 if left else 1)
+
+
+def test_a_torque_that_long_blocks_can_not_tell_is_looked_for_again_in_short_ones() -> None:
+    """Blocks of a third of τ leave the likelihood flat above some q/r; a search that went on from there ran off to no noise."""
+    truth = drawn(2)._replace(inertia=7 * drawn(2).inertia)
+    held = np.random.default_rng(2).integers(0, 2, 6000)[np.arange(6000) // 130]
+    u = np.where(np.arange(6000) < 400, 0.0, np.where(held > 0, 3.0, 1.5))
+    data = dataset(seed=2, truth=truth, torque_noise=5e-6, samples=6000, sample_time=0.0075, u=u)
+    fit = identify(data).fit
+    assert fit is not None
+    assert fit.estimator == "prediction_error"
+    assert fit.residual_sd == pytest.approx(QUANTUM / np.sqrt(12), rel=0.1)

@@ -237,7 +237,8 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     drifts = not (is_usual(with_rest) and as_good)
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
     worth = worth or (any(record.starts_at_rest for record in data) and _drives(one_way))
-    if not with_rest.converged or not worth:
+    # A search that hasn't settled and yet is far ahead went on along a valley; the model without rest would only look settled.
+    if not worth or not (with_rest.converged or clearly_better(with_rest, one_way)):
         return replace(simple, fits=fits)
     sentence = "The motor stands still in part of the record, so the model has friction that holds the shaft."
     without, with_it = (f"{fit.fit_percent:.2f}" for fit in (one_way, with_rest))

@@ -28,6 +28,7 @@ from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from servobench.systems.transfer_function import TransferFunction
 
 _COARSE = 16  # points of the first grid, from a torque that never shows to one that drowns the noise within a sample
+_BRIEFEST = 0.3  # of a sample time: a memory in which a torque has drowned the noise, so that no data tell a shorter one
 _FINE = np.linspace(-1.0, 1.0, 13)
 _POWER = {"position": 4, "speed": 2}  # of the filter's memory T: q/r = (sample time)/T⁴, or T²
 _WIDE = 3.5  # standard deviations of ln(q/r) that the fine grid spans on each side
@@ -36,6 +37,9 @@ _QUICK = 1.0  # of the filter's memory: the longest block
 _SHORTEST = (
     0.01  # of the time constant that a filter was made for: how far a search for another one goes with it
 )
+_WINDOW = 16  # samples that show whether a shaft moves
+_STEADY = 4.0  # times the variance of white noise, which one in twenty thousand windows of it exceeds
+_TURNED = 1.5  # counts: the standard deviation within a window of a shaft that moves
 WEIGHED = 0.42  # of the filter's memory: the longest block that parameters are found from
 
 
@@ -99,9 +103,9 @@ def blocks_of(data: Dataset, sliding: Sliding, longest: float, rest: float | Non
     however long the rest. So with `rest`, the variance of that error beside r, a rest is one block, and weighs as such. So does
     one in which a position of unknown rounding stays the same: each of its samples would seem to say that there is no noise.
     """
-    t = data.t_output
+    t, sliding = data.t_output, _as_recorded(sliding, data)
     left = sliding.left
-    rests = (left == 0) & (rest is not None and (is_rounded(data) or _stays(data)))
+    rests = _rests(sliding, data) & (rest is not None)
     size = max(int(longest / data.sample_time), 1)
     gaps = (np.diff(t) > 1.5 * data.sample_time) & ~(rests[1:] & rests[:-1])
     breaks = gaps | ((np.diff(left) != 0) & ((left[1:] < 1) | (left[:-1] == 0)))
@@ -118,6 +122,31 @@ def blocks_of(data: Dataset, sliding: Sliding, longest: float, rest: float | Non
     )
 
 
+def _as_recorded(sliding: Sliding, data: Dataset) -> Sliding:
+    """The same, but a shaft that the record shows to move where friction should hold it slides there: the torque moves it."""
+    rests = sliding.left == 0
+    if data.kind != "position" or rests.sum() < _WINDOW:
+        return sliding
+    within = np.lib.stride_tricks.sliding_window_view(rests, _WINDOW).all(axis=1) & _moves(data)
+    moves = np.zeros(len(rests), dtype=bool)
+    for first in range(_WINDOW if within.any() else 0):
+        moves[first : first + len(within)] |= within
+    return replace(sliding, left=np.where(moves, 1.0, sliding.left))
+
+
+@keep_with_data
+def _moves(data: Dataset) -> NDArray[np.bool_]:
+    """Whether a position changes steadily, and by more than its rounding, in each window (M - 15,) of a record.
+
+    In one of white noise the variance is half the mean square of the steps between samples (von Neumann 1941).
+    """
+    steps = np.diff(data.y)
+    quantum = data.quantum or float(np.min(np.abs(steps[steps != 0]), initial=np.inf))
+    variance = np.lib.stride_tricks.sliding_window_view(data.y, _WINDOW).var(axis=1)
+    noise = 0.5 * np.lib.stride_tricks.sliding_window_view(steps**2, _WINDOW - 1).mean(axis=1)
+    return np.asarray(variance > np.maximum(_STEADY * noise, (_TURNED * quantum) ** 2), dtype=np.bool_)
+
+
 @keep_with_data
 def _stays(data: Dataset) -> NDArray[np.bool_]:
     """Whether each sample (M,) of a position is the same as the one before or after it."""
@@ -132,8 +161,24 @@ def variance_of_rest(data: Dataset, disturbance: Disturbance | None) -> float:
 
 def _samples(data: Dataset, sliding: Sliding) -> Blocks:
     """Each sample as a block of its own."""
-    ones = np.ones(len(data.t_output))
+    sliding, ones = _as_recorded(sliding, data), np.ones(len(data.t_output))
     return Blocks(starts=np.arange(len(ones)), counts=ones, times=data.t_output, sliding=sliding, noise=ones)
+
+
+def _weighed_samples(data: Dataset, sliding: Sliding, rest: float) -> Blocks:
+    """The same with so much noise in a rest, of variance `rest` in each beside r, that all its samples say as much as one."""
+    samples = _samples(data, sliding)
+    rests = _rests(samples.sliding, data)
+    if not rests.any():
+        return samples
+    run = np.cumsum(np.diff(rests, prepend=False))
+    return replace(samples, noise=np.where(rests, rest * np.bincount(run)[run], 1.0))
+
+
+def _rests(sliding: Sliding, data: Dataset) -> NDArray[np.bool_]:
+    """Whether each sample (M,) is of a rest in which the error of the position stays the same."""
+    still: NDArray[np.bool_] = sliding.left == 0
+    return still if is_rounded(data) or not still.any() else still & _stays(data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +200,7 @@ class Linearisation:
 
     def levels(self, tau: float) -> Array:
         """Return a grid of ln(q/r), for memories of the filter from 100 τ down to a third of a sample time."""
-        memories = np.geomspace(100 * tau, 0.3 * self.sample_time, _COARSE)
+        memories = np.geomspace(100 * tau, _BRIEFEST * self.sample_time, _COARSE)
         return np.asarray(np.log(self.sample_time / memories ** _POWER[self.kind]), dtype=np.float64)
 
     def under(self, tau: float, ratio: float) -> Trial:
@@ -271,9 +316,10 @@ def profile(near: Linearisation, tau: float, around: float | None = None) -> Pro
     No disturbance is on the edge of what can be, so the likelihood ratio exceeds 2.71 in at most 5 % of the records without
     one, and 5.41 in 1 % (Self and Liang 1987).
     """
-    levels = near.levels(tau) if around is None else around + 2.5 * np.array([-1.0, 0.0, 1.0])
-    best, sd = _mode(near, tau, levels)
-    without, *trials = near.under_each(tau, np.append(0.0, np.exp(best + _WIDE * sd * _FINE)))
+    grid = near.levels(tau)
+    best, sd = _mode(near, tau, grid if around is None else around + 2.5 * np.array([-1.0, 0.0, 1.0]))
+    fine = np.minimum(best + _WIDE * sd * _FINE, grid[-1])
+    without, *trials = near.under_each(tau, np.append(0.0, np.exp(fine)))
     deviances = np.array([trial.deviance for trial in trials])
     top = trials[int(np.argmin(deviances))]
     weights = np.exp(-0.5 * (deviances - deviances.min()))
@@ -307,10 +353,9 @@ def _mode(near: Linearisation, tau: float, levels: Array) -> tuple[float, float]
 
 
 def whiten(x: Array, data: Dataset, sliding: Sliding, disturbance: Disturbance) -> Array:
-    """Return columns x (M,) or (M, K) as innovations of each sample, of unit variance."""
-    out, _ = _innovations(
-        x.reshape(len(x), -1), _samples(data, sliding), data.kind, disturbance.tau, disturbance.ratio
-    )
+    """Return columns x (M,) or (M, K) as innovations of each sample, of unit variance; all of a rest weigh as one sample does."""
+    samples = _weighed_samples(data, sliding, variance_of_rest(data, disturbance))
+    out, _ = _innovations(x.reshape(len(x), -1), samples, data.kind, disturbance.tau, disturbance.ratio)
     out /= np.sqrt(disturbance.variance)
     return out.reshape(x.shape)
 
@@ -340,14 +385,21 @@ def innovation_sd(data: Dataset, sliding: Sliding, disturbance: Disturbance) -> 
 def of_each_sample(
     disturbance: Disturbance, residuals: Sequence[Array], data: Sequence[Dataset], sliding: Sequence[Sliding]
 ) -> Disturbance:
-    """Return the disturbance of the same q with the r of single samples, where rounding has all its power."""
+    """Return the disturbance of the same q with the r of single samples, where rounding has all its power.
+
+    Those of a shaft at rest, which all have one rounding error, say nothing of r; without any others, or where a shaft that is
+    blocked leaves nothing over, it stays as it is.
+    """
     found, q = disturbance, disturbance.ratio * disturbance.variance
+    moving = [s.left > 0 for s in sliding]
     for _ in range(5):
         squares = sum(
-            float(np.sum(whiten(r, d, s, found) ** 2))
-            for r, d, s in zip(residuals, data, sliding, strict=True)
+            float(np.sum(whiten(r, d, s, found)[m] ** 2))
+            for r, d, s, m in zip(residuals, data, sliding, moving, strict=True)
         )
-        variance = found.variance * squares / sum(len(r) for r in residuals)
+        if squares == 0:
+            break
+        variance = found.variance * squares / sum(int(m.sum()) for m in moving)
         found = replace(found, ratio=q / variance, variance=variance)
     return found
 

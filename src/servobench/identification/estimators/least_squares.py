@@ -15,7 +15,9 @@ from servobench.identification.models.base import Prediction, Structure, as_prot
 from servobench.recordings.measurement.dataset import Dataset
 
 _STEPS = 100
-_AGAIN = 4  # times
+_MOST_TIMES = 20  # that a search begins anew
+_IN_VAIN = 4  # times of these that may come down by little
+_MUCH_LOWER = 0.5  # of the cost: what comes down to less is worth another time
 _STEPS_TO_VALLEY = 25
 _AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
 _SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
@@ -202,11 +204,14 @@ def lowest(
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
     # Of ends that are as good as each other, one where the search has settled.
     best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
-    for _ in range(_AGAIN):
-        if best.converged:
+    in_vain = 0
+    for _ in range(_MOST_TIMES):
+        if best.converged or in_vain == _IN_VAIN:
             break
         # Along a valley full of kinks steps have become short, and are long again when the search begins anew.
+        before = best.point.cost
         best = descent(layout, best.point.theta, free, steps)
+        in_vain += best.point.cost > _MUCH_LOWER * before
     theta = best.point.theta + best.change
     predictions, cost = _evaluate(layout, theta)
     if not cost <= best.point.cost * (1 + _ENOUGH**2):

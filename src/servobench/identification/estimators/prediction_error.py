@@ -185,9 +185,10 @@ def _profile(
     """
     tau = time_constant(structure, theta)
     noise = earlier.disturbance if earlier else None
+    around = float(np.log(noise.ratio)) if noise else None
     while True:
         near = linearise(structure, data, theta, noise)
-        found = profile(near, tau, float(np.log(noise.ratio)) if noise else None)
+        found = profile(near, tau, around)
         longest = [longest_block(noise, tau, record) for record in data]
         finer = [longest_block(found.disturbance, tau, record) for record in data]
         if all(
@@ -195,7 +196,7 @@ def _profile(
             for new, old, record in zip(finer, longest, data, strict=True)
         ):
             return found
-        noise = found.disturbance
+        noise, around = found.disturbance, None  # what long blocks can't tell apart, shorter ones may
 
 
 def _choose_blocks(

@@ -11,6 +11,7 @@ from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.disturbance import Disturbance, innovations_of_blocks
 from servobench.identification.estimators.prediction_error import rounding_explains
 from servobench.identification.estimators.residual_correlation import TIED, input_correlation
+from servobench.identification.models.turning import Sliding
 
 _LAGS = 20
 # The residual of a perfect model behind an ideal encoder has the standard deviation Q/√12; more than a fifth above it
@@ -71,7 +72,7 @@ def explains_the_colour(fit: Fit) -> bool:
 
     The rounding of an ideal encoder is coloured by nature, but hardly at the low frequencies that carry the parameters. Beside a
     disturbance these frequencies are examined by themselves: a torque that isn't white may hide below the rounding. Where they
-    are white over many blocks, the samples need not be: those of a rest all have one rounding error.
+    are white over many blocks, the samples need not be. Those of a rest all have one rounding error, and count for nothing.
     """
     if fit.disturbance is not None:
         blocks = [_innovations_of_blocks(fit, record, fit.disturbance) for record in fit.records]
@@ -82,14 +83,24 @@ def explains_the_colour(fit: Fit) -> bool:
             return True
     if is_rounding(fit):
         return True
-    return max(_whiteness(record.innovations[record.valid]) for record in fit.records) <= _CHI2_99
+    return max(_whiteness(_innovations_of_samples(fit, record)) for record in fit.records) <= _CHI2_99
 
 
 def _innovations_of_blocks(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> Array:
     """The innovations of blocks (B,) of a record of a fit that has a disturbance."""
-    theta = np.concatenate([fit.model.theta, record.nuisance])
-    moving = fit.model.structure.sliding(theta, record.data)
-    return innovations_of_blocks(record.residual, record.data, moving, disturbance)
+    return innovations_of_blocks(record.residual, record.data, _sliding(fit, record), disturbance)
+
+
+def _innovations_of_samples(fit: Fit, record: FittedRecord) -> Array:
+    """The innovations (N,) of a record's samples, beside a disturbance those of a moving shaft only."""
+    keep = record.valid
+    if fit.disturbance is not None:
+        keep = keep & (_sliding(fit, record).left > 0)
+    return record.innovations[keep]
+
+
+def _sliding(fit: Fit, record: FittedRecord) -> Sliding:
+    return fit.model.structure.sliding(np.concatenate([fit.model.theta, record.nuisance]), record.data)
 
 
 def is_rounding(fit: Fit) -> bool | None:
