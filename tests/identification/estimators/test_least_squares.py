@@ -153,3 +153,17 @@ def test_a_search_ends_where_less_is_to_be_gained_than_it_is_worth() -> None:
     assert rough.converged
     assert 0.0 < rough.point.cost - settled.point.cost < worth
     assert int(rough.status.split()[2]) < int(settled.status.split()[2])
+
+
+@pytest.mark.parametrize("off", [(0.6, 1.8), (2.0, 0.5)])
+def test_a_search_goes_on_as_long_as_it_comes_down_by_much(off: tuple[float, float]) -> None:
+    """A step at a time: the first five come down to the minimum, and are too few to see that they have."""
+    data, structure = dataset(seed=1), STRUCTURES["first_order_one_way"]
+    whole = minimise(structure, [data], structure.guesses([data])[0])
+    start = whole.theta.copy()
+    start[:2] *= off
+
+    found = minimise(structure, [data], start, steps=1)
+
+    assert found.converged
+    assert found.cost == pytest.approx(whole.cost, rel=1e-9)
