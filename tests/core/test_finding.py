@@ -2,7 +2,17 @@
 
 import pytest
 
-from servobench.core.finding import Finding, Verdict, by_weight, danger, info, refusal, verdict, warning
+from servobench.core.finding import (
+    Finding,
+    Verdict,
+    by_weight,
+    danger,
+    info,
+    list_text,
+    refusal,
+    verdict,
+    warning,
+)
 
 
 @pytest.mark.parametrize(
@@ -39,3 +49,13 @@ def test_findings_come_by_severity_then_those_about_figures_and_each_code_togeth
 
     assert [group[0].code for group in groups] == ["driven", "data", "gain", "file", "lag", "note"]
     assert [each.sentence for each in groups[3]] == ["F.", "Once more."]
+
+
+def test_words_are_listed_as_a_sentence_does() -> None:
+    assert [list_text(words) for words in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == [
+        "",
+        "a",
+        "a and b",
+        "a, b and c",
+    ]
+    assert list_text(("a", "b", "c"), "or") == "a, b or c"

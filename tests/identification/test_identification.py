@@ -239,6 +239,21 @@ def test_a_recording_given_twice_is_reported() -> None:
     assert "data-repeated" not in codes(identify([data, dataset(seed=2)]))
 
 
+def test_every_copy_of_a_recording_is_named() -> None:
+    from servobench.identification.trust.doubts.base import about_data
+
+    data, other = dataset(seed=1, samples=500), dataset(seed=2, samples=500)
+    records = [
+        *(replace(data, name=name) for name in ("a", "b", "c")),
+        *(replace(other, name=name) for name in ("d", "e", "e")),
+        dataset(seed=3, samples=500),
+    ]
+    (found,) = (f.sentence for f in about_data(records) if f.code == "data-repeated")
+    assert found.startswith("a, b and c hold the same samples; d and e hold the same samples: a copy adds")
+    (twice,) = (f.sentence for f in about_data([data, data]) if f.code == "data-repeated")
+    assert twice.startswith(f"{data.name} is given twice: ")
+
+
 def test_an_angle_that_wraps_is_refused_for_that_and_nothing_is_fitted() -> None:
     """The twin drawn within ±180°: the reason stands alone, beside no table of noise."""
     from servobench.recordings.measurement.measure import measure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -88,6 +88,11 @@ def by_weight(findings: Iterable[Finding]) -> list[tuple[Finding, ...]]:
         key = (order.index(finding.severity), not finding.parameters, finding.code)
         groups.setdefault(key, []).append(finding)
     return [tuple(groups[key]) for key in sorted(groups, key=lambda key: key[:2])]
+
+
+def list_text(words: Sequence[str], last: str = "and") -> str:
+    """Return words as a sentence lists them: a, b and c, or with another word than "and" before the `last`; "" of none."""
+    return f"{', '.join(words[:-1])} {last} {words[-1]}" if len(words) > 1 else "".join(words)
 
 
 def lower_first(sentence: str) -> str:

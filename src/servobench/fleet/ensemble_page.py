@@ -14,6 +14,7 @@ import numpy as np
 from servobench._version import __version__
 from servobench.core.channels import Array
 from servobench.core.errors import StorageError
+from servobench.core.finding import list_text
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import SPACE, count_text, handy_unit, plain, with_unit
 from servobench.fleet.ensemble import UNITS as JUDGED_UNITS
@@ -88,7 +89,7 @@ def sentences(ensemble: Ensemble) -> list[str]:
         )
         what = f"{half} of the {parameter_in_words(tolerance.name)}"
         lines.append(
-            f"{what} moves {_list_in_words(moved)}."
+            f"{what} moves {list_text(moved)}."
             if moved
             else f"{what} moves none of these by as much as 0.1 %."
         )
@@ -198,7 +199,3 @@ def write_table(ensemble: Ensemble, found: Sequence[IdentifiedMotor], folder: Pa
 def _is_worth_a_word(each: Sensitivity, nominal: float) -> bool:
     size = 1.0 if each.outcome in ("overshoot", "phase_margin") else abs(nominal)
     return math.isfinite(each.effect) and math.isfinite(nominal) and abs(each.effect) >= _LITTLE * size
-
-
-def _list_in_words(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from servobench.core.estimate import Estimate
-from servobench.core.finding import Severity, Verdict
+from servobench.core.finding import Severity, Verdict, list_text
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import (
     SPACE,
@@ -94,7 +94,7 @@ def loss_text(fit: Fit) -> str:
         "gravity_voltage_sine": "gravity",
     }
     words = [word for name, word in names.items() if name in fit.model.names]
-    return ", ".join(words[:-1]) + " and " + words[-1] if len(words) > 1 else "".join(words)
+    return list_text(words)
 
 
 def feedback(derived: Mapping[str, Derived], data: Dataset, sample_time: float) -> str:

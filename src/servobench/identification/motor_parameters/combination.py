@@ -10,7 +10,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.estimate import Estimate
-from servobench.core.finding import Finding, info, warning
+from servobench.core.finding import Finding, info, list_text, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit
@@ -299,8 +299,7 @@ def _with_offset() -> Finding:
 
 
 def _list_text(names: Sequence[str]) -> str:
-    *first, last = [parameter_in_words(name) for name in names]
-    return f"{', '.join(first)} and {last}" if first else last
+    return list_text([parameter_in_words(name) for name in names])
 
 
 def _first_upper(text: str) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from servobench.core.finding import list_text
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import SPACE, TWO_SIDED, plain, round_value, with_unit
 from servobench.identification.reconciliation.base import CAUSES, Question, Sizes
@@ -66,7 +67,7 @@ def sentences(
             lines += _if_the_motor(causes)
     ruled_out = [each for each in causes if not each.possible]
     if ruled_out:
-        lines.append(f"It isn't {_or([f'{each.label} ({each.against})' for each in ruled_out])}.")
+        lines.append(f"It isn't {list_text([f'{each.label} ({each.against})' for each in ruled_out], 'or')}.")
     return lines  # fmt: skip
 
 
@@ -156,7 +157,7 @@ def _besides(first: JudgedCause, hypotheses: Sequence[Hypothesis]) -> str:
 def _alike(first: JudgedCause, alike: Sequence[str]) -> list[str]:
     if not alike:
         return []
-    others = _or([CAUSES[name].label for name in alike])
+    others = list_text([CAUSES[name].label for name in alike], "or")
     return [
         f"These figures can't tell {first.label} from {others}: what it explains, the other explains about as well."
     ]
@@ -169,7 +170,9 @@ def _if_the_motor(causes: Sequence[JudgedCause]) -> list[str]:
         for each in causes
         if each.name in _OF_THE_MOTOR and each.needed is not None and not each.against
     ]
-    return [f"To be the motor's own, the claimed figure would need {_or(sizes)}."] if sizes else []
+    return (
+        [f"To be the motor's own, the claimed figure would need {list_text(sizes, 'or')}."] if sizes else []
+    )
 
 
 def _has_finite_interval(share: Share) -> bool:
@@ -214,7 +217,3 @@ def probability_text(probability: float) -> str:
     if probability > 0.995:
         return "above 99 %"
     return "below 1 %" if probability < 0.01 else f"{100 * probability:.0f} %"
-
-
-def _or(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from servobench.core.finding import list_text
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import Rounded, rounded_interval
 from servobench.identification.uncertainty.identifiability import State
@@ -29,7 +30,7 @@ def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:
     ]
     sentences = list(_open(open_ones, document))
     if sentences:
-        words = _list_text([parameter_in_words(name, parameters[name]["unit"]) for name in open_ones])
+        words = list_text([parameter_in_words(name, parameters[name]["unit"]) for name in open_ones])
         values = f"value of the {words} is" if len(open_ones) == 1 else f"values of {words} are"
         sentences.append(f"The {values} {_CHOICE}")
     found = [each["sentence"] for each in document.get("findings", []) if each.get("code") == _WHERE]
@@ -55,9 +56,9 @@ def _open(names: Sequence[str], document: Mapping[str, Any]) -> Iterator[str]:
     for key, those in together.items():
         alone = "by themselves" if len(those) > 1 else "by itself"
         whole = f"{combinations[key]['meaning']} is {_interval(combinations[key])}"
-        yield _sentence(f"{_list_text(those)} {_are_not(those)} known {alone}; {whole}")
+        yield _sentence(f"{list_text(those)} {_are_not(those)} known {alone}; {whole}")
     if unknown:
-        yield _sentence(f"{_list_text(unknown)} {_are_not(unknown)} known")
+        yield _sentence(f"{list_text(unknown)} {_are_not(unknown)} known")
 
 
 def _loses_below_zero(document: Mapping[str, Any]) -> bool:
@@ -75,10 +76,6 @@ def _interval(plain: Mapping[str, Any]) -> Rounded:
 def _ends(plain: Mapping[str, Any]) -> tuple[float, float]:
     low, high = (math.nan if end is None else end for end in plain["interval"])
     return low, high
-
-
-def _list_text(words: Sequence[str]) -> str:
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _are_not(words: Sequence[str]) -> str:

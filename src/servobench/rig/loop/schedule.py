@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from servobench.core.errors import UsageError
-from servobench.core.finding import Finding, info
+from servobench.core.finding import Finding, info, list_text
 
 PRIORITY = 80  # of 99; the kernel's own threads for interrupts have 50, so that the loop comes before them
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
@@ -42,13 +42,13 @@ class Scheduling:
     def findings(self) -> tuple[Finding, ...]:
         """Return what to know of it: one info, which says how to permit what was denied."""
         if not self.denied:
-            return (info("real-time", f"The loop ran with {_list_text(self.granted)}."),)
-        ran = f"with {_list_text(self.granted)} and " if self.granted else ""
+            return (info("real-time", f"The loop ran with {list_text(self.granted)}."),)
+        ran = f"with {list_text(self.granted)} and " if self.granted else ""
         advice = HOW_TO_PERMIT if sys.platform == "linux" else ELSEWHERE
         return (
             info(
                 "real-time-denied",
-                f"The loop ran {ran}without {_list_text(self.denied)}, so samples may be late more often; {advice}.",
+                f"The loop ran {ran}without {list_text(self.denied)}, so samples may be late more often; {advice}.",
             ),
         )
 
@@ -84,10 +84,6 @@ def real_time(*, priority: int = PRIORITY, cpu: int | None = None) -> Scheduling
         except _Denied as reason:
             denied.append(f"{name} ({reason})")
     return Scheduling(granted=tuple(granted), denied=tuple(denied))
-
-
-def _list_text(names: tuple[str, ...]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _freeze_garbage() -> None:
