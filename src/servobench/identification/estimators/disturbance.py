@@ -28,7 +28,10 @@ from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from servobench.systems.transfer_function import TransferFunction
 
 _COARSE = 16  # points of the first grid, from a torque that never shows to one that drowns the noise within a sample
-_BRIEFEST = 0.3  # of a sample time: a memory in which a torque has drowned the noise, so that no data tell a shorter one
+_BRIEF = (
+    0.3  # of a sample time: the shortest memory of the first grid, in which a torque nearly drowns the noise
+)
+_BRIEFEST = 0.1  # of a sample time: there the noise is a thousandth of what a torque does, and no data tell a shorter one
 _FINE = np.linspace(-1.0, 1.0, 13)
 _POWER = {"position": 4, "speed": 2}  # of the filter's memory T: q/r = (sample time)/T⁴, or T²
 _WIDE = 3.5  # standard deviations of ln(q/r) that the fine grid spans on each side
@@ -165,7 +168,7 @@ def _samples(data: Dataset, sliding: Sliding) -> Blocks:
     return Blocks(starts=np.arange(len(ones)), counts=ones, times=data.t_output, sliding=sliding, noise=ones)
 
 
-def _weighed_samples(data: Dataset, sliding: Sliding, rest: float) -> Blocks:
+def _samples_and_rests(data: Dataset, sliding: Sliding, rest: float) -> Blocks:
     """The same with so much noise in a rest, of variance `rest` in each beside r, that all its samples say as much as one."""
     samples = _samples(data, sliding)
     rests = _rests(samples.sliding, data)
@@ -200,8 +203,13 @@ class Linearisation:
 
     def levels(self, tau: float) -> Array:
         """Return a grid of ln(q/r), for memories of the filter from 100 τ down to a third of a sample time."""
-        memories = np.geomspace(100 * tau, _BRIEFEST * self.sample_time, _COARSE)
+        memories = np.geomspace(100 * tau, _BRIEF * self.sample_time, _COARSE)
         return np.asarray(np.log(self.sample_time / memories ** _POWER[self.kind]), dtype=np.float64)
+
+    @property
+    def highest_level(self) -> float:
+        """The ln(q/r) above which no data tell q/r."""
+        return float(np.log(self.sample_time / (_BRIEFEST * self.sample_time) ** _POWER[self.kind]))
 
     def under(self, tau: float, ratio: float) -> Trial:
         """Return the parameters for noise with the given τ and q/r, and its likelihood."""
@@ -316,9 +324,9 @@ def profile(near: Linearisation, tau: float, around: float | None = None) -> Pro
     No disturbance is on the edge of what can be, so the likelihood ratio exceeds 2.71 in at most 5 % of the records without
     one, and 5.41 in 1 % (Self and Liang 1987).
     """
-    grid = near.levels(tau)
-    best, sd = _mode(near, tau, grid if around is None else around + 2.5 * np.array([-1.0, 0.0, 1.0]))
-    fine = np.minimum(best + _WIDE * sd * _FINE, grid[-1])
+    levels = near.levels(tau) if around is None else around + 2.5 * np.array([-1.0, 0.0, 1.0])
+    best, sd = _mode(near, tau, levels)
+    fine = np.minimum(best + _WIDE * sd * _FINE, near.highest_level)
     without, *trials = near.under_each(tau, np.append(0.0, np.exp(fine)))
     deviances = np.array([trial.deviance for trial in trials])
     top = trials[int(np.argmin(deviances))]
@@ -354,7 +362,7 @@ def _mode(near: Linearisation, tau: float, levels: Array) -> tuple[float, float]
 
 def whiten(x: Array, data: Dataset, sliding: Sliding, disturbance: Disturbance) -> Array:
     """Return columns x (M,) or (M, K) as innovations of each sample, of unit variance; all of a rest weigh as one sample does."""
-    samples = _weighed_samples(data, sliding, variance_of_rest(data, disturbance))
+    samples = _samples_and_rests(data, sliding, variance_of_rest(data, disturbance))
     out, _ = _innovations(x.reshape(len(x), -1), samples, data.kind, disturbance.tau, disturbance.ratio)
     out /= np.sqrt(disturbance.variance)
     return out.reshape(x.shape)

@@ -305,8 +305,9 @@ def at(layout: Layout, theta: Array) -> Point:
         h, g, cost = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), 0.0
         for record, place in zip(layout.data, layout.columns(), strict=True):
             own_h, own_g, own_cost = layout.normal(theta[place], record)
-            h[place[:, None], place] += own_h
-            g[place] += own_g
+            with np.errstate(over="ignore", invalid="ignore"):  # far from any motor, as in `_sums`
+                h[place[:, None], place] += own_h
+                g[place] += own_g
             cost += own_cost
     sound = np.isfinite(cost) and np.isfinite(h).all()
     return Point(theta=theta, h=h, g=g, cost=cost if sound else np.inf)

@@ -88,18 +88,18 @@ def explains_the_colour(fit: Fit) -> bool:
 
 def _innovations_of_blocks(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> Array:
     """The innovations of blocks (B,) of a record of a fit that has a disturbance."""
-    return innovations_of_blocks(record.residual, record.data, _sliding(fit, record), disturbance)
+    return innovations_of_blocks(record.residual, record.data, _state_of_motion(fit, record), disturbance)
 
 
 def _innovations_of_samples(fit: Fit, record: FittedRecord) -> Array:
     """The innovations (N,) of a record's samples, beside a disturbance those of a moving shaft only."""
     keep = record.valid
     if fit.disturbance is not None:
-        keep = keep & (_sliding(fit, record).left > 0)
+        keep = keep & (_state_of_motion(fit, record).left > 0)
     return record.innovations[keep]
 
 
-def _sliding(fit: Fit, record: FittedRecord) -> Sliding:
+def _state_of_motion(fit: Fit, record: FittedRecord) -> Sliding:
     return fit.model.structure.sliding(np.concatenate([fit.model.theta, record.nuisance]), record.data)
 
 

@@ -15,14 +15,14 @@ def _find_repeats(records: Sequence[Dataset]) -> list[Finding]:
     copies: dict[bytes, Counter[str]] = {}
     for record in records:
         copies.setdefault(record.digest, Counter())[record.name] += 1
-    repeated = [_repeated_text(names) for names in copies.values() if names.total() > 1]
+    repeated = [_copies_text(names) for names in copies.values() if names.total() > 1]
     if not repeated:
         return []
     sentence = f"{'; '.join(repeated)}: a copy adds no information and makes the intervals too narrow. Keep one of each."
     return [warning("data-repeated", sentence)]
 
 
-def _repeated_text(names: Counter[str]) -> str:
+def _copies_text(names: Counter[str]) -> str:
     """What is said of one recording's `names`, each with how often it is given."""
     if len(names) > 1:
         return f"{list_text([*names])} hold the same samples"
