@@ -91,7 +91,10 @@ def test_a_delay_at_its_bound_is_not_taken_for_the_delay() -> None:
 def test_what_a_controller_answers_to_a_torque_is_not_taken_for_gravity(
     kp: float, size: float, torque_noise: float, seed: int
 ) -> None:
-    """Of all seeds tried these look most like gravity, in one gain each: taken for it, the gain was 3 to 36 deviations off."""
+    """Of 14 to 20 seeds each, chance looks most like gravity in these: taken for it, the gain was 3 to 36 deviations off.
+
+    With kp = 0.3 it did so while a rest counted as all its samples.
+    """
     result = identify(stepped(kp, size, torque_noise, seed=seed))
 
     assert result.fit is not None

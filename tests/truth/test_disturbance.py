@@ -198,17 +198,17 @@ def test_blocks_break_at_gaps_and_stops() -> None:
     assert found.means(data.y[keep])[1] == pytest.approx(data.y[4:7].mean())
 
 
-def _with_rests(seed: int, torque: float):  # type: ignore[no-untyped-def]
+def _with_rests(seed: int):  # type: ignore[no-untyped-def]
     """A motor that rests for two fifths of the time, with friction that holds it."""
     t = 0.002 * np.arange(5000)
     u = np.where(t % 2.5 < 1.0, 0.0, 2.0 * np.sign(np.sin(2 * np.pi * 0.7 * t)))
-    return dataset(seed=seed, truth=drawn(seed), torque_noise=torque, u=u)
+    return dataset(seed=seed, truth=drawn(seed), torque_noise=1e-6, u=u)
 
 
 def test_the_rounding_of_a_rest_is_no_colour_and_no_noise() -> None:
     """All samples of a rest have one error. It made the innovations coloured, and their r up to twenty times what it is."""
     for seed in range(8):
-        fit = identify(_with_rests(seed, 1e-6)).fit
+        fit = identify(_with_rests(seed)).fit
         assert fit is not None
         assert fit.estimator == "prediction_error", seed
         # 3000 samples in motion know r to 3 %, and rounding is nearly white.
@@ -225,9 +225,11 @@ def test_a_rest_says_as_much_as_one_sample_does() -> None:
     noise = Disturbance(tau=0.1, ratio=1e4, variance=QUANTUM**2 / 12)
     columns = np.random.default_rng(1).standard_normal((60, 2))
     columns[40:] = columns[40]
+
     short = replace(data, t_output=data.t_output[:41], y=data.y[:41])
     of_one = whiten(columns[:41], short, Sliding(left=sliding.left[:41], turns=sliding.turns[:41]), noise)
     of_all = whiten(columns, data, sliding, noise)
+
     assert of_all[:40] == pytest.approx(of_one[:40])
     assert np.sum(of_all[40:] ** 2, axis=0) == pytest.approx(of_one[40] ** 2)
 

@@ -28,10 +28,10 @@ from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from servobench.systems.transfer_function import TransferFunction
 
 _COARSE = 16  # points of the first grid, from a torque that never shows to one that drowns the noise within a sample
-_BRIEF = (
-    0.3  # of a sample time: the shortest memory of the first grid, in which a torque nearly drowns the noise
-)
-_BRIEFEST = 0.1  # of a sample time: there the noise is a thousandth of what a torque does, and no data tell a shorter one
+_BRIEF = 0.3  # of a sample time: the first grid's shortest memory, in which a torque nearly drowns the noise
+# Of a sample time: no data tell a shorter memory from it. What a torque does within a sample has 3000 times the variance of the
+# noise there, and 100 times that of a speed's.
+_BRIEFEST = 0.1
 _FINE = np.linspace(-1.0, 1.0, 13)
 _POWER = {"position": 4, "speed": 2}  # of the filter's memory T: q/r = (sample time)/T⁴, or T²
 _WIDE = 3.5  # standard deviations of ln(q/r) that the fine grid spans on each side
@@ -42,7 +42,7 @@ _SHORTEST = (
 )
 _WINDOW = 16  # samples that show whether a shaft moves
 _STEADY = 4.0  # times the variance of white noise, which one in twenty thousand windows of it exceeds
-_TURNED = 1.5  # counts: the standard deviation within a window of a shaft that moves
+_CREEP = 1.5  # counts: the standard deviation within a window of a shaft that moves
 WEIGHED = 0.42  # of the filter's memory: the longest block that parameters are found from
 
 
@@ -147,7 +147,7 @@ def _moves(data: Dataset) -> NDArray[np.bool_]:
     quantum = data.quantum or float(np.min(np.abs(steps[steps != 0]), initial=np.inf))
     variance = np.lib.stride_tricks.sliding_window_view(data.y, _WINDOW).var(axis=1)
     noise = 0.5 * np.lib.stride_tricks.sliding_window_view(steps**2, _WINDOW - 1).mean(axis=1)
-    return np.asarray(variance > np.maximum(_STEADY * noise, (_TURNED * quantum) ** 2), dtype=np.bool_)
+    return np.asarray(variance > np.maximum(_STEADY * noise, (_CREEP * quantum) ** 2), dtype=np.bool_)
 
 
 @keep_with_data
