@@ -77,6 +77,15 @@ def test_a_negative_friction_of_a_search_leaves_all_of_it() -> None:
     assert found.left.tolist() == [1, 1]
 
 
+def test_a_trial_that_runs_away_draws_no_warning() -> None:
+    """pytest makes an error of one; a search met such a speed on a real recording, and its user read NumPy's words."""
+    speed = np.array([1.0, -1.0, 1e300, -1e300, 0.0, np.inf, -np.inf, np.nan])
+    found = Sliding.of_speed(speed, STEP * np.arange(8), 200.0)
+
+    # Before the turn at 1 rad/s the rate is 100 (3 + √5) rad/s², of which 200 are friction's.
+    assert found.left[[1, 4]] == pytest.approx([1 - 2 / (3 + np.sqrt(5)), 0])
+
+
 def fitted(seed: int) -> Fit:
     random = np.random.default_rng(seed)
     pushes = TORQUE / np.sqrt(STEP / SUBSTEPS) * random.standard_normal((SAMPLES, SUBSTEPS))

@@ -142,3 +142,13 @@ def test_copies_of_a_record_are_reported_from_repetitions() -> None:
 
     assert "data-repeated" in [f.code for f in identify([run, replace(run, name="a copy")]).findings]
     assert "data-repeated" not in [f.code for f in identify([run, again]).findings]
+
+
+def test_two_steps_of_which_one_alone_says_too_little_are_not_called_too_few_changes() -> None:
+    """Left with a single step there is no telling gain from friction, though the input changes in either record."""
+    steps = [driven(np.repeat([0.0, level], [100, 900]), name=f"{level:g} V") for level in (2.0, 4.0)]
+    result = identify(steps)
+
+    (finding,) = [each for each in result.findings if each.code == "not-validated"]
+    assert "the rest determines the model too poorly" in finding.sentence
+    assert "must change both" not in finding.sentence

@@ -39,10 +39,13 @@ class Sliding:
         change = max(change, 0.0)
         left, turns = np.asarray(speed != 0, dtype=np.float64), t.astype(np.float64)
         turns[1:] -= 0.5 * np.diff(t)
-        turned = np.flatnonzero(speed[1:] * speed[:-1] < 0) + 1
-        before, after, h = np.abs(speed[turned - 1]), np.abs(speed[turned]), t[turned] - t[turned - 1]
-        middle = 0.5 * (before + after + h * change)
-        rate = (middle + np.sqrt(np.maximum(middle**2 - h * change * before, 0.0))) / h
-        left[turned] = np.maximum(1.0 - change / rate, 0.0)
-        turns[turned] = t[turned - 1] + np.minimum(before / rate, h)
+        with np.errstate(
+            invalid="ignore", over="ignore"
+        ):  # a trial may run away: its cost refuses it, without a word
+            turned = np.flatnonzero(speed[1:] * speed[:-1] < 0) + 1
+            before, after, h = np.abs(speed[turned - 1]), np.abs(speed[turned]), t[turned] - t[turned - 1]
+            middle = 0.5 * (before + after + h * change)
+            rate = (middle + np.sqrt(np.maximum(middle**2 - h * change * before, 0.0))) / h
+            left[turned] = np.maximum(1.0 - change / rate, 0.0)
+            turns[turned] = t[turned - 1] + np.minimum(before / rate, h)
         return cls(left=left, turns=turns)

@@ -107,14 +107,7 @@ def about_validation(
     `others` are the records that it was tried on, where they aren't parts of those that it was fitted to.
     """
     if validation is None:
-        return [
-            info(
-                "not-validated",
-                "The model couldn't be tested on held-out data: the input must change both in "
-                "the part left out and in the rest. Record a second run, or an input that "
-                "changes more than once.",
-            )
-        ]
+        return [_not_validated(_training_data(fit))]
     reversing = [record.name for record in others if turns_both_ways([*_training_data(fit), record])]
     if ONE_WAY in fit.model.structure.parameters and reversing and validation.fit_percent < 100 - _WORST:
         return [_reverses(reversing[0], validation.fit_percent)]
@@ -152,6 +145,22 @@ def about_validation(
             )
         ]
     return []
+
+
+def _not_validated(data: Sequence[Dataset]) -> Finding:
+    """A finding that no part was left out: there is none, or the rest says too little to predict it."""
+    cannot, record = (
+        "The model couldn't be tested on held-out data",
+        "Record a second run, or an input that changes",
+    )
+    if next(cuts_for_validation(data)[1], None) is None:
+        sentence = f"{cannot}: the input must change both in the part left out and in the rest. {record} more than once."
+    else:
+        sentence = (
+            f"{cannot}: whatever part is left out, the rest determines the model too poorly to predict it. "
+            f"{record} more often."
+        )
+    return info("not-validated", sentence)
 
 
 def _training_data(fit: Fit) -> list[Dataset]:
