@@ -136,3 +136,15 @@ def test_a_line_says_what_is_known_and_prints_no_number_for_what_is_not(
     assert ended.status == 0, ended.err
     assert "gain known together only" in ended.out
     assert "speed at 1 V 20.00\N{NO-BREAK SPACE}±" in ended.out
+
+
+def test_a_copy_is_named_with_what_it_is_a_copy_of(
+    servobench: Command, fleet: list[Path], tmp_path: Path
+) -> None:
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(fleet[0].read_bytes())
+
+    first, other, last = servobench("identify", fleet[0], fleet[2], copy, *COLUMNS, "--each").out.splitlines()
+
+    assert last.endswith(f"; a copy of {fleet[0]}")
+    assert "copy of" not in first + other

@@ -309,3 +309,19 @@ def test_a_file_can_t_steer_the_terminal(servobench: Command, tmp_path: Path) ->
     assert said.status == 0
     assert "[31mu" in said.out
     assert "\x1b" not in said.out
+
+
+def test_a_file_whose_name_begins_with_a_dash_is_shown_how_to_be_named(
+    servobench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("-log.csv").write_text("t,u,y\n")
+
+    ended = servobench("inspect", "-log.csv")
+
+    assert ended.status == 2
+    assert "No such option: -l" in ended.err
+    assert ended.err.endswith("for the file, write ./-log.csv\n")
+    # What isn't there can't be meant, and what is named so is read.
+    assert "write ./" not in servobench("inspect", "-lag.csv").err
+    assert "log.csv" in servobench("inspect", "./-log.csv").err

@@ -77,15 +77,21 @@ def test_a_format_is_known_by_its_name_and_its_endings(name: str) -> None:
     assert all(suffix.startswith(".") and suffix == suffix.lower() for suffix in FORMATS[name].suffixes)
 
 
-def test_no_two_formats_that_are_written_have_the_same_ending(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_a_format_says_whether_it_is_written(name: str, tmp_path: Path) -> None:
+    form = FORMATS[name]
+    assert set(form.written) <= set(form.suffixes)
+    try:
+        form().write((small(),), tmp_path / f"a{form.suffixes[0]}")
+    except UsageError:
+        assert form.written == ()
+    else:
+        assert form.suffixes[0] in form.written
+
+
+def test_no_two_formats_that_are_written_have_the_same_ending() -> None:
     """Those that are only read may: which one a file is, its content says."""
-    endings: list[str] = []
-    for name in NAMES:
-        try:
-            FORMATS[name]().write((small(),), tmp_path / f"a{FORMATS[name].suffixes[0]}")
-        except UsageError:
-            continue
-        endings += FORMATS[name].suffixes
+    endings = [ending for name in NAMES for ending in FORMATS[name].written]
 
     assert len(endings) > 3
     assert len(set(endings)) == len(endings)

@@ -136,8 +136,8 @@ def test_held_out_data_are_simulated_and_reported() -> None:
 
 def test_what_cannot_be_fitted_together_is_said() -> None:
     data = dataset(seed=1, samples=500)
-    with pytest.raises(UsageError, match="input units"):
-        identify([data, replace(data, input_unit="%")])
+    with pytest.raises(UsageError, match=r"input unit is % in b and V in reference motor; choose columns"):
+        identify([data, replace(data, name="b", input_unit="%")])
     with pytest.raises(UsageError, match="data is an empty list"):
         identify([])
 

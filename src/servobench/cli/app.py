@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import shlex
 from collections.abc import Callable, Sequence
 from typing import Annotated
@@ -21,7 +22,14 @@ from servobench.cli.ensemble import ensemble
 from servobench.cli.estimators import estimators
 from servobench.cli.export import export
 from servobench.cli.exports import exports
-from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, flush_output, report_failure
+from servobench.cli.failures import (
+    CANNOT_WRITE,
+    DONE,
+    OUR_FAULT,
+    USER_MISTAKE,
+    flush_output,
+    report_failure,
+)
 from servobench.cli.faults import faults
 from servobench.cli.fleet.group import fleet
 from servobench.cli.formats import formats
@@ -36,7 +44,7 @@ from servobench.cli.signals import signals
 from servobench.cli.stability import stability
 from servobench.cli.structures import structures
 from servobench.cli.studies import studies
-from servobench.cli.terminal import spell_what_cannot_be_encoded
+from servobench.cli.terminal import messages, say, spell_what_cannot_be_encoded
 from servobench.cli.tune import tune
 from servobench.cli.watch import watch
 from servobench.cli.why import why
@@ -140,6 +148,8 @@ def run_app(words: Sequence[str]) -> int:
         )
     except SystemExit as end:
         interrupt = _interrupt_behind(end)
+        if interrupt is None and _status(end) == USER_MISTAKE:
+            _name_dashed_file(words)
         return flush_output(_status(end) if interrupt is None else report_failure(interrupt, debug=debug))
     except BaseException as error:
         return flush_output(report_failure(error, debug=debug))
@@ -152,6 +162,17 @@ def _without_debug(words: Sequence[str]) -> tuple[list[str], bool]:
     end = words.index("--") if "--" in words else len(words)
     options = [word for word in words[:end] if word != _DEBUG]
     return [*options, *words[end:]], len(options) < end
+
+
+def _name_dashed_file(words: Sequence[str]) -> None:
+    """Say how to name a file whose name begins with a dash, where one of the words is such a file's."""
+    options = words[: words.index("--")] if "--" in words else words
+    for word in options:
+        if word.startswith("-") and os.path.isfile(word):
+            say(
+                messages(),
+                f"{word} was taken for options, as it begins with a dash; for the file, write ./{word}",
+            )
 
 
 def _interrupt_behind(end: SystemExit) -> KeyboardInterrupt | None:

@@ -67,7 +67,7 @@ def list_members(kind: str, members: Sequence[Member], name: str | None, as_json
     for each in chosen:
         show_wrapped(console, Text(f"{each.name}  ", style="bold"), each.sentence, hanging=0)
         for fact, value in each.facts.items():
-            parts = value if isinstance(value, list) else [value]
+            parts = (value or ["none"]) if isinstance(value, list) else [value]
             lines = parts if any(len(part) > _SHORT for part in parts) else [", ".join(parts)]
             for line in lines:
                 show_wrapped(console, Text("  "), f"{fact}: {line}", hanging=4)

@@ -35,7 +35,7 @@ def identify_each(
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.core.rounding import count_text
 
-    statuses = []
+    statuses, first_of = [], dict[str, Path]()
     names = _names_of_their_own(files)
     with (
         empty_folder(out, "identify", datetime.now()) if out is not None else nullcontext() as folder,
@@ -47,7 +47,7 @@ def identify_each(
             progress.advance(number / len(files))
             place = folder / name if folder is not None else None
             try:
-                statuses.append(_identify_one(file, settings, place, as_json, command))
+                statuses.append(_identify_one(file, settings, place, as_json, command, first_of))
             except KeyboardInterrupt:
                 raise PartialStop(
                     f"interrupted: {number} of {count_text(len(files), 'file')} done, {file} was next; what was printed and "
@@ -56,8 +56,15 @@ def identify_each(
     return next((status for status in (USER_MISTAKE, REFUSED) if status in statuses), DONE)
 
 
-def _identify_one(file: Path, settings: Settings, folder: Path | None, as_json: bool, command: str) -> int:
-    """The exit status of one file, whose result or error is printed and written."""
+def _identify_one(
+    file: Path,
+    settings: Settings,
+    folder: Path | None,
+    as_json: bool,
+    command: str,
+    first_of: dict[str, Path],
+) -> int:
+    """The exit status of one file, whose result or error is printed and written; `first_of` has the first of equal files."""
     from servobench.cli.conclusion import status_of
     from servobench.cli.failures import complain
     from servobench.cli.terminal import output, say
@@ -79,7 +86,9 @@ def _identify_one(file: Path, settings: Settings, folder: Path | None, as_json: 
     if as_json:
         _print_line(file, None, result.to_dict())
     else:
-        say(output(), f"{file}: {_in_a_line(result)}")
+        first = first_of.setdefault(evidence[0].recording.source.sha256, file)
+        copy = f"; a copy of {first}" if first != file else ""
+        say(output(), f"{file}: {_in_a_line(result)}{copy}")
     return status_of(result)
 
 

@@ -14,7 +14,11 @@ def formats(name: MemberName = None, as_json: AsJson = False) -> None:
     from servobench.recordings.formats.base import FORMATS
 
     members = [
-        Member(name=each, sentence=FORMATS.sentence(each), facts={"endings": list(FORMATS[each].suffixes)})
-        for each in FORMATS.names()
+        Member(
+            name=name,
+            sentence=FORMATS.sentence(name),
+            facts={"endings": list(FORMATS[name].suffixes), "written": list(FORMATS[name].written)},
+        )
+        for name in FORMATS.names()
     ]
     list_members("file format", members, name, as_json)

@@ -15,7 +15,7 @@ import numpy as np
 from servobench._version import __version__
 from servobench.core.arguments import check_mapping, check_type
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.core.finding import Finding, Severity, Verdict, refusal, verdict
+from servobench.core.finding import Finding, Severity, Verdict, list_text, refusal, verdict
 from servobench.core.parameter_names import plain_words
 from servobench.identification.choice.noise_choice import (
     allow_for_disturbance,
@@ -345,10 +345,12 @@ def _check_together(records: Sequence[Dataset]) -> None:
     if not records:
         raise UsageError("nothing to identify: expected at least one dataset")
     for what in ("input_unit", "output_unit", "kind"):
-        found = sorted({str(getattr(record, what)) for record in records})
-        if len(found) > 1:
+        first = {str(getattr(record, what)): record.name for record in reversed(records)}
+        if len(first) > 1:
+            each = [f"{value} in {name}" for value, name in sorted(first.items())]
             raise UsageError(
-                f"the records can't be fitted together: their {plain_words(what)}s are {' and '.join(found)}"
+                f"the records can't be fitted together: their {plain_words(what)} is {list_text(each)}; choose columns of one "
+                "kind and unit, or identify the records one by one"
             )
 
 

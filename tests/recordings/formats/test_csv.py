@@ -165,7 +165,15 @@ def test_each_thing_that_is_wrong_is_reported_with_the_rows_of_the_file(tmp_path
     }
     assert "'off'" in finding(recording.findings, "cell-not-a-number").sentence
     assert finding(recording.findings, "row-short").severity is Severity.WARNING
-    assert "in column 2" in finding(recording.findings, "cell-nan").sentence
+    assert "in `u`" in finding(recording.findings, "cell-nan").sentence
+
+
+def test_a_column_of_words_is_no_column_of_wrong_cells(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "t,y,direction\n" + "".join(f"{k / 100},{k},up\n" for k in range(50)))
+
+    (sentence,) = [each.sentence for each in recording.findings if each.code != "time-recognised"]
+    assert sentence == "`direction` holds text, such as 'up', and no number."
+    assert np.isfinite(recording["y"].values).all()
 
 
 def test_many_wrong_rows_make_one_finding(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ class Arrow:
     """Arrow files and streams. Columns, units and time stamps are those of a Parquet file."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".arrow", ".feather", ".ipc", ".arrows")
+    written: ClassVar[tuple[str, ...]] = suffixes
     by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:

@@ -33,6 +33,8 @@ class Format(Protocol):
 
     suffixes: ClassVar[tuple[str, ...]]
     """The file endings it is known by, in lower case with the dot; the first is the usual one."""
+    written: ClassVar[tuple[str, ...]]
+    """Those of them under which it is written; none where it is only read. No two members have one in common."""
     by_library: ClassVar[bool]
     """Whether a library reads it, in a process with limits; our own code reads plain text in the calling process."""
 
@@ -54,8 +56,7 @@ class Format(Protocol):
         """Write recordings so that `read` gives them back equal.
 
         Equal means NaN, infinities and channels without times or samples, too. Raises `UsageError`, which begins with the file's
-        name, where the format can't hold them or is only read, `StorageError` where they can't be written. Two members that
-        write have no ending in common.
+        name, where the format can't hold them or is only read, `StorageError` where they can't be written.
         """
         ...
 
@@ -133,8 +134,10 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
     if not several:
         raise UsageError(f"{file}: there is no recording to write")
     form = _format_with(file.suffix.lower())
-    if form is None:
-        raise UsageError(f"{file}: no file format ends in {file.suffix!r}; known: {_format_names()}")
+    if form is None or (form.written and file.suffix.lower() not in form.written):
+        raise UsageError(
+            f"{file}: no file format that is written ends in {file.suffix!r}; known: {_written_formats()}"
+        )
     try:
         # Written apart and then moved, so that what is there stays until the new file is whole.
         with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
@@ -222,3 +225,8 @@ def _format_with(suffix: str) -> type[Format] | None:
 
 def _format_names() -> str:
     return ", ".join(f"{name} ({' '.join(FORMATS[name].suffixes)})" for name in FORMATS.names())
+
+
+def _written_formats() -> str:
+    members = [(name, FORMATS[name].written) for name in FORMATS.names()]
+    return ", ".join(f"{name} ({' '.join(endings)})" for name, endings in members if endings)

@@ -42,6 +42,7 @@ class Csv:
     decimal: str | None = None
 
     suffixes: ClassVar[tuple[str, ...]] = (".csv", ".txt", ".tsv", ".dat")
+    written: ClassVar[tuple[str, ...]] = suffixes
     by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:

@@ -32,6 +32,7 @@ class Lvm:
     """LabVIEW measurement files: read, and not written, as their rows have no place for what a recording knows."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".lvm",)
+    written: ClassVar[tuple[str, ...]] = ()
     by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:

@@ -61,6 +61,7 @@ class Mat:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".mat",)
+    written: ClassVar[tuple[str, ...]] = suffixes
     by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:

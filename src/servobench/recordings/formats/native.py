@@ -19,6 +19,7 @@ class Native:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".mcap", ".part")
+    written: ClassVar[tuple[str, ...]] = (".mcap",)
     by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:

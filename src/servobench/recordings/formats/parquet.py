@@ -25,6 +25,7 @@ class Parquet:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".parquet", ".pq")
+    written: ClassVar[tuple[str, ...]] = suffixes
     by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:

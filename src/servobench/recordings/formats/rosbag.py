@@ -150,6 +150,7 @@ class RosBag:
     """ROS 2 bags (folders, .mcap, .db3) and Foxglove's MCAP files: the numbers in their messages (the extra `ros2`)."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".mcap", ".db3")
+    written: ClassVar[tuple[str, ...]] = ()
     by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:

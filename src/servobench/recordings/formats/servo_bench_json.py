@@ -40,6 +40,7 @@ class ServoBenchJson:
     """JSON of a servo bench: one recording. It is read and not written."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".json",)
+    written: ClassVar[tuple[str, ...]] = ()
     by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:

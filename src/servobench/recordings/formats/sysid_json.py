@@ -61,6 +61,7 @@ class SysIdJson:
     """WPILib SysId's JSON: a recording for each test. It is read and not written."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".json",)
+    written: ClassVar[tuple[str, ...]] = ()
     by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:

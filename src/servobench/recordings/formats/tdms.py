@@ -49,6 +49,7 @@ class Tdms:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".tdms",)
+    written: ClassVar[tuple[str, ...]] = suffixes
     by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import FormatError
-from servobench.core.finding import Finding, info, warning
+from servobench.core.finding import Finding, info, list_text, warning
 from servobench.core.units import is_unit
 from servobench.recordings.formats.columns import LARGEST_TABLE, Heading, heading, quote
 from servobench.recordings.formats.time_stamps import is_stamp, seconds_from_first
@@ -43,6 +43,7 @@ _FIRST = 1000  # rows by which the numbers must have begun
 _BLOCK = 8192  # rows that are parsed at once; where that fails each of them is examined by itself
 _FEW_OPEN, _SHARE_OPEN = 10, 0.01  # rows with a quote that isn't closed, which cost only themselves
 _NO_NUMBER = "cell-not-a-number"
+_MOST_COLUMNS = 12  # that a sentence names
 LONGEST_LINE = 2**20
 """The most bytes of a line: a thousand columns, the most that a table may have, of a thousand characters each."""
 
@@ -173,11 +174,18 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
-    about_cells = _about_faults(faults, lines.rows[start:], layout, np.isnan(values) & usable[:, None])
-    # A column without any number contains words, and isn't a channel.
-    texts = {c: found for c, found in faults.texts.items() if not np.isnan(values[:, c]).all()}
-    about_texts = about_columns(texts, [each.name for each in headings], len(values))
-    findings = [*about_header, *_about_lines(lines, start, used), *about_stamps, *about_cells, *about_texts]
+    names = [each.name for each in headings]
+    words = faults.take_words(values)
+    about_words = [
+        info("column-skipped", f"`{names[c]}` holds text, such as {example[:40]!r}, and no number.")
+        for c, example in words.items()
+    ]
+    nan = np.isnan(values) & usable[:, None]
+    nan[:, list(words)] = False
+    about_cells = _about_faults(faults, lines.rows[start:], names, nan)
+    about_texts = about_columns(faults.texts, names, len(values))
+    about_rows = [*_about_lines(lines, start, used), *about_stamps]
+    findings = [*about_header, *about_rows, *about_words, *about_cells, *about_texts]
     if layout.decimal == ",":
         findings.insert(0, info("decimal-comma", "The commas inside numbers are decimal marks."))
     return Table(
@@ -511,6 +519,13 @@ class Faults:
         for k, text in left.items():
             self.cell(_NO_NUMBER, k, c, text)
 
+    def take_words(self, values: Array) -> dict[int, str]:
+        """Take back what was noted of columns of `values` (N, M) without any number, and return an example of each."""
+        words = {c: self.examples[c] for c in sorted(self.texts) if np.isnan(values[:, c]).all()}
+        for c in words:
+            self.read(c, {})
+        return words
+
 
 def numbers(content: Sequence[str], layout: Layout) -> tuple[Array, Faults]:
     """Return the numbers in lines (N, M), NaN where there is none, and what is wrong with cells and rows."""
@@ -588,12 +603,12 @@ def _without_remark(line: str, layout: Layout) -> list[str] | None:
 
 
 def _about_faults(
-    faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: NDArray[np.bool_]
+    faults: Faults, rows: NDArray[np.int64], names: Sequence[str], nan: NDArray[np.bool_]
 ) -> list[Finding]:
     """A finding for each kind of thing that is wrong; `nan` (N, M) are the NaNs in the rows that are used."""
     sentences = {
-        "row-short": f"Fewer than {layout.columns} cells, left out:",
-        "row-long": f"More than {layout.columns} cells, left out:",
+        "row-short": f"Fewer than {len(names)} cells, left out:",
+        "row-long": f"More than {len(names)} cells, left out:",
         "row-without-numbers": "Not one number, left out:",
         "rows-text": "Text between the rows of numbers, which isn't read:",
         "cell-empty": "Empty cells, read as NaN:",
@@ -605,8 +620,7 @@ def _about_faults(
         findings.append(_finding(severity, code, sentences[code], rows[left_out]))
     for code, by_column in faults.cells.items():
         where = rows[np.unique(np.concatenate([np.array(found) for found in by_column.values()]))]
-        columns = ", ".join(str(c + 1) for c in sorted(by_column)[:12])
-        findings.append(_finding(info, code, sentences[code], where, f", in column {columns}"))
+        findings.append(_finding(info, code, sentences[code], where, _columns(by_column, names)))
     if faults.remarks:
         findings.append(
             _finding(
@@ -618,7 +632,11 @@ def _about_faults(
         for c, found in by_column.items():
             spelled[found, c] = False
     if spelled.any():
-        columns = ", ".join(str(c + 1) for c in np.flatnonzero(spelled.any(axis=0))[:12])
-        where = rows[spelled.any(axis=1)]
-        findings.append(_finding(info, "cell-nan", "Cells that say NaN:", where, f", in column {columns}"))
+        where, columns = rows[spelled.any(axis=1)], np.flatnonzero(spelled.any(axis=0))
+        findings.append(_finding(info, "cell-nan", "Cells that say NaN:", where, _columns(columns, names)))
     return findings
+
+
+def _columns(columns: Iterable[int], names: Sequence[str]) -> str:
+    """The end of a sentence on cells: in which columns they are, twelve at the most."""
+    return f", in {list_text([f'`{names[c]}`' for c in sorted(columns)[:_MOST_COLUMNS]])}"

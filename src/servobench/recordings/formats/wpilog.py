@@ -35,6 +35,7 @@ class WpiLog:
     """WPILib data logs. Each entry of numbers is a channel with its own times; a log of SysId is a recording for each test."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".wpilog",)
+    written: ClassVar[tuple[str, ...]] = ()
     by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:
