@@ -23,7 +23,6 @@ from servobench.identification.estimators.base import (
 )
 from servobench.identification.estimators.disturbance import (
     WEIGHED,
-    Blocks,
     Disturbance,
     Linearisation,
     Profile,
@@ -94,9 +93,7 @@ class PredictionError:
         found = test or _profile(structure, data, theta)
         for remaining in reversed(range(_ROUNDS)):
             before = theta
-            model = WhitenedStructure(
-                structure, found.disturbance, data, _choose_blocks(structure, data, theta, found)
-            )
+            model = _whitened(structure, found.disturbance, data, theta)
             minimum = minimise(model, model.whitened_data, theta)
             theta = minimum.theta
             _, covariance = uncertainty(model, model.whitened_data, minimum)
@@ -125,6 +122,13 @@ class PredictionError:
 
 
 ESTIMATORS.member("prediction_error")(PredictionError())
+
+
+def most_likely(start: Fit, noise: Disturbance) -> Array:
+    """Return the vector (P + ΣQ,) that is most likely under a noise model that is known, searched for from another fit's."""
+    data = tuple(record.data for record in start.records)
+    model = _whitened(start.model.structure, noise, data, start.vector)
+    return minimise(model, model.whitened_data, start.vector).theta
 
 
 def rounding_explains(fit: Fit, times: float = 2.0) -> bool:
@@ -199,12 +203,12 @@ def _profile(
         noise, around = found.disturbance, None  # what long blocks can't tell apart, shorter ones may
 
 
-def _choose_blocks(
-    structure: Structure, data: Sequence[Dataset], theta: Array, found: Profile
-) -> tuple[Blocks, ...]:
-    """The blocks of samples that the parameters are found from: short enough that it doesn't matter where they begin."""
-    layout, noise = Layout(structure, tuple(data)), found.disturbance
-    return tuple(
+def _whitened(
+    structure: Structure, noise: Disturbance, data: tuple[Dataset, ...], theta: Array
+) -> WhitenedStructure:
+    """The structure under a noise model, in blocks of samples so short near theta that it doesn't matter where they begin."""
+    layout = Layout(structure, data)
+    blocks = tuple(
         blocks_of(
             record,
             structure.sliding(theta[place], record),
@@ -213,6 +217,7 @@ def _choose_blocks(
         )
         for record, place in _each_record(layout)
     )
+    return WhitenedStructure(structure, noise, data, blocks)
 
 
 def _each_record(layout: Layout) -> list[tuple[Dataset, NDArray[np.int64]]]:

@@ -18,6 +18,7 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import count_text, share_explained
 from servobench.identification.estimators.base import Estimator, Fit, FittedRecord, fit_percent
 from servobench.identification.estimators.output_error import simulate_record, with_start_fitted
+from servobench.identification.estimators.prediction_error import most_likely
 from servobench.identification.models.common_parameters import ONE_WAY
 from servobench.identification.models.motion import turns_both_ways
 from servobench.identification.result import RecordFit, Validation
@@ -187,7 +188,9 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
     try:
         starts = [_start(fit, record) for record in part.rest]
         other = estimator.fit(structure, part.rest, (np.concatenate([theta, *starts]),))
-        held = [simulate_record(structure, other.model.theta, record) for record in part.held]
+        # Under the noise of the whole: another search for it in each part takes long, and a part says less of it.
+        found = other.vector if fit.disturbance is None else most_likely(other, fit.disturbance)
+        held = [simulate_record(structure, found[: len(theta)], record) for record in part.held]
     except NotIdentifiable:
         return None
     foretold = _foretold(held, other)
