@@ -245,7 +245,10 @@ def test_what_is_still_in_the_buffer_when_the_disk_is_full_is_an_error_too() -> 
             [sys.executable, "-m", "servobench", "signals"], env=environment(), stdout=full, stderr=subprocess.PIPE
         )  # fmt: skip
 
-    assert (ended.returncode, ended.stderr) == (5, b"Error: No space left on device\n")
+    assert (ended.returncode, ended.stderr) == (
+        5,
+        b"Error: the output can't be written: No space left on device\n",
+    )
 
 
 @pytest.mark.parametrize("words", [["--help"], ["signals"]], ids=" ".join)

@@ -617,3 +617,21 @@ def test_a_wish_that_was_not_reached_is_reported_and_an_empty_one_refused(
     assert empty.status == 2
     assert "expected, for example, time_constant=0.5%" in empty.err
     assert not (tmp_path / "b").exists()
+
+
+def test_ctrl_c_while_the_report_is_written_says_where_the_result_is(
+    servobench: Command, short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("servobench.report.document.Report.write", interrupted)
+    folder = tmp_path / "run"
+
+    ended = servobench("run", short, "--out", folder)
+
+    assert ended.status == 130
+    assert ended.err.endswith(
+        f"Error: interrupted before the report was written; the result is whole: {folder / 'result.json'}\n"
+    )
+    assert json.loads((folder / "result.json").read_text(encoding="utf-8"))["verdict"] in ended.out

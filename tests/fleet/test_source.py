@@ -103,3 +103,14 @@ def test_a_name_of_strange_bytes_is_read(tmp_path: Path) -> None:
     assert item.text == r"m\xff.csv"
     with source.local(item) as path:
         assert path.read_text(encoding="utf-8") == "x"
+
+
+def test_results_of_a_fleet_among_the_recordings_are_no_recordings(tmp_path: Path) -> None:
+    """Neither this one's nor an earlier one's: their tables end as recordings do."""
+    stand = tmp_path / "stand"
+    names = write_fleet(stand, 2)
+    identify_fleet(str(stand), stand / "results", settings=SETTINGS, workers=1)
+
+    assert [item.name for item in list_items(source_at(str(stand)), None).items] == sorted(names)
+    with pytest.raises(UsageError, match="is no folder; expected the one with the recordings"):
+        list_items(source_at(str(stand / names[0])), None)

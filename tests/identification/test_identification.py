@@ -254,6 +254,23 @@ def test_every_copy_of_a_recording_is_named() -> None:
     assert twice.startswith(f"{data.name} is given twice: ")
 
 
+def test_a_part_of_a_recording_is_no_other_one() -> None:
+    """One row less, or an angle that counts from elsewhere in fewer digits, is the same run under another hash."""
+    data = dataset(seed=1, kind="prbs", samples=1000)
+    part = replace(data.part(0.0, 1.2), name="part")
+    moved = replace(data, name="moved", y=np.array([float(f"{y + 1:.9g}") for y in data.y]))
+    (found,) = (f.sentence for f in identify([data, part, moved]).findings if f.code == "data-repeated")
+    assert found.startswith("reference motor, part and moved hold mainly the same samples: ")
+    for copy in (part, moved):
+        with pytest.raises(
+            UsageError, match=f"{copy.name} is to validate the model, but the model is fitted to the same"
+        ):
+            identify(data, validate_on=[copy])
+    # The same input again, and a motor that starts within the same count, is another run.
+    again = replace(dataset(seed=2, kind="prbs", samples=1000, u=data.u), name="again")
+    assert "data-repeated" not in codes(identify([data, again]))
+
+
 def test_an_angle_that_wraps_is_refused_for_that_and_nothing_is_fitted() -> None:
     """The twin drawn within ±180°: the reason stands alone, beside no table of noise."""
     from servobench.recordings.measurement.measure import measure

@@ -55,6 +55,6 @@ def test_a_column_of_which_most_are_numbers_keeps_them_and_names_its_texts() -> 
     assert texts == {2: "err"}
 
 
-@pytest.mark.parametrize("cells", [["a", "b", "3"], [[1], [2]]])
+@pytest.mark.parametrize("cells", [["a", "b", "3"], [[1], [2]], [10**400] * 2])
 def test_a_column_of_texts_is_none(cells: list[object]) -> None:
     assert mostly_numbers(np.array(cells, dtype=object)) == (None, {})

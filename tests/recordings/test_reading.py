@@ -156,6 +156,16 @@ WRONG: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "no unit": ({"t": T, "u": U, "y": Y, "output_unit": "rad"}, UsageError, "input_unit is missing"),
     "lengths": ({**AS_ARRAYS, "y": Y[:-1]}, UsageError, "u has 1000 values, y 999, t 1000"),
     "texts": ({**AS_ARRAYS, "u": ["a"] * len(T)}, UsageError, "u is a list that isn't numbers"),
+    "a text": (
+        {**AS_ARRAYS, "u": [*U[:5], "abc", *U[6:]]},
+        UsageError,
+        r"u is a list that isn't numbers: u\[5\] is 'abc'; expected",
+    ),
+    "beyond all floats": (
+        {**AS_ARRAYS, "y": [10**400] * len(T)},
+        UsageError,
+        "y is a list that isn't numbers",
+    ),
     "a matrix": ({**AS_ARRAYS, "y": np.zeros((len(T), 2))}, UsageError, r"y has shape \(1000, 2\)"),
     "a column that isn't there": (
         {"data": COLUMNS, "input": "v:V"},

@@ -121,7 +121,9 @@ def _in_a_line(result: Result) -> str:
 
     parts: list[Any] = [str(result.verdict)]
     if result.verdict == "refused" or result.fit is None:
-        reasons = [each.sentence for each in result.findings if each.severity is Severity.REFUSAL]
+        reasons = [
+            with_options(each.sentence) for each in result.findings if each.severity is Severity.REFUSAL
+        ]
         return "; ".join([*parts, *reasons[:1]])
     names = [
         parameter_in_words(name, estimate.unit)

@@ -98,7 +98,7 @@ def _status_and_sentence(error: BaseException) -> tuple[int, str]:
             "there isn't enough memory for this; use shorter recordings, or fewer at a time",
         )
     if isinstance(error, OSError) and (error.filename or error.errno in _NO_PLACE):
-        what = f"{error.filename}: " if error.filename else ""
+        what = f"{error.filename}: " if error.filename else "the output can't be written: "
         status = CANNOT_WRITE if error.errno in _NO_PLACE else USER_MISTAKE
         return status, f"{what}{error.strerror or error}"
     return OUR_FAULT, f"a fault of servobench, not yours: {type(error).__name__}: {_first_line(error)}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from servobench.cli.option_names import with_options
 from servobench.cli.options import (
     AS_IT_IS,
     AsJson,
@@ -104,7 +105,7 @@ def show_explanation(console: Console, explanation: Explanation) -> None:
         _show_causes(console, explanation)
         _show_readings(console, explanation)
     for sentence in explanation.sentences:
-        show_wrapped(console, Text(), sentence, hanging=0)
+        show_wrapped(console, Text(), with_options(sentence), hanging=0)
     if explanation.differences and not explanation.agrees:
         console.print()
         note = (

@@ -49,7 +49,8 @@ class UnknownName(UsageError, LookupError):
         names = sorted(known)
         near = get_close_matches(str(name), names, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
-        super().__init__(f"no {kind} called {name!r}{hint}; known: {', '.join(names)}{ending}")
+        known_names = f"known: {', '.join(names)}" if names else "there are none"
+        super().__init__(f"no {kind} called {name!r}{hint}; {known_names}{ending}")
 
 
 class UnitError(UsageError):

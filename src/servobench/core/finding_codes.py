@@ -79,6 +79,8 @@ _TABLE = (
     FindingCode("columns-not-numbers", "Columns hold no numbers and are left out."),
     FindingCode("coulomb-torque-with-offset", "After turning one way only, the Coulomb torque includes the offset.",
         "Let the motor turn both ways."),
+    FindingCode("counts-not-whole", "Values in counts aren't whole numbers.",
+        "Name the unit that they have, or the chain.", Role.SYMPTOM),
     FindingCode("counts-off", "The counts don't fit the model in steps of one count.", "Check the counts per revolution."),
     FindingCode("counts-restored", "A speed made of differenced counts was summed back to the counts."),
     FindingCode("current-above-limit", "The guard stopped the motor because of its current.",

@@ -23,7 +23,8 @@ NUMERATOR = {numerator!r}
 DENOMINATOR = {denominator!r}
 DELAY = {delay!r}  # s
 
-# name: (value, standard deviation, (low, high) of the 95 % interval, unit); None where it isn't known
+# name: (value, standard deviation, (low, high) of the 95 % interval, unit); None where there is none.
+# What the data don't determine is said above: its value here is the model's, and no measurement.
 PARAMETERS = {{
 {parameters}
 }}

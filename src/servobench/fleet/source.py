@@ -16,6 +16,8 @@ from servobench.fleet.name_pattern import NamePattern
 _TAGS = ("ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created", "checksum", "CRC")
 """The keys under which the file systems of fsspec give a file's tag or time."""
 
+_OURS = b'"servobench.fleet'  # begins the schema in the settings of a fleet's results
+
 
 @dataclass(frozen=True, order=True)
 class Item:
@@ -65,11 +67,12 @@ class Folder:
     def files(self) -> Iterator[Item]:
         """Return all files below the folder; raises `UsageError` where there is no such folder, or it can't be read."""
         if not self.root.is_dir():
-            raise UsageError(f"{self.root}: there is no such folder; expected the one with the recordings")
+            what = "is no folder" if self.root.exists() else "there is no such folder"
+            raise UsageError(f"{self.root}: {what}; expected the one with the recordings")
         for folder, below, names in os.walk(self.root, onerror=_complain):
             here = Path(folder)
             below[:] = sorted(
-                each for each in below if not each.startswith(".") and not self._is_out(here / each)
+                each for each in below if not each.startswith(".") and not self._holds_results(here / each)
             )
             for name in sorted(names):
                 if not name.startswith("."):
@@ -82,8 +85,11 @@ class Folder:
         """Return the path of the file."""
         yield self.root / item.name
 
-    def _is_out(self, folder: Path) -> bool:
-        return self.without is not None and folder.resolve() == self.without.resolve()
+    def _holds_results(self, folder: Path) -> bool:
+        """Whether the results go to a folder, or an earlier fleet's are in it: their tables are no recordings."""
+        ours = self.without is not None and folder.resolve() == self.without.resolve()
+        settings = folder / "settings.json"
+        return ours or (settings.is_file() and (folder / "parts").is_dir() and _OURS in settings.read_bytes())
 
 
 def stamp_of(path: Path) -> str:

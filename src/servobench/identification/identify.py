@@ -75,6 +75,7 @@ from servobench.identification.uncertainty.unresolved_time_constant import with_
 from servobench.identification.uncertainty.weak_priors import with_weak_priors
 from servobench.recordings.evidence import Evidence
 from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.shared_samples import share_samples
 from servobench.recordings.reading import ReadingOptions, evidence_in, further_evidence_in
 from servobench.recordings.recording import Recording
 from servobench.rig.motor.parameters import MotorParameters, nominal_motor
@@ -168,9 +169,8 @@ def _validation_data(
         others = _datasets(parts, starts_at_rest)
     except NotIdentifiable as error:
         raise UsageError(f"the data to validate on can't be used: {error}") from error
-    fitted = {record.digest for record in records}
     for other in others:
-        if other.digest in fitted:
+        if any(share_samples(record, other) for record in records):
             raise UsageError(
                 f"{other.name} is to validate the model, but the model is fitted to the same samples, which proves nothing; give "
                 "another recording of the motor, or none: then parts of the data are left out in turn"

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from servobench.core.channels import Array, Channel
 from servobench.core.errors import UsageError
-from servobench.recordings.cells import to_numbers
+from servobench.recordings.cells import mostly_numbers, to_numbers
 from servobench.recordings.recording import Recording, Series, Source
 
 
@@ -75,8 +75,10 @@ def _records(name: str, given: Any) -> list[Any]:
 def _numbers(name: str, given: Any) -> Array:
     values, _ = to_numbers(name, given)
     if values is None:
+        texts = mostly_numbers(np.asarray(given, dtype=object))[1]
+        example = f": {name}[{min(texts)}] is {texts[min(texts)][:40]!r}" if texts else ""
         raise UsageError(
-            f"{name} is a {type(given).__name__} that isn't numbers; expected an array of numbers, (N,)"
+            f"{name} is a {type(given).__name__} that isn't numbers{example}; expected an array of numbers, (N,)"
         )
     if not values.size:
         raise UsageError(f"{name} is empty; expected one number for each sample, (N,)")

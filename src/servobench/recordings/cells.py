@@ -40,7 +40,11 @@ def to_numbers(name: str, given: Any) -> tuple[Array | None, bool]:
         return np.array(
             [np.nan if cell is None else cell for cell in cells.ravel()], dtype=np.float64
         ).reshape(cells.shape), False
-    except (TypeError, ValueError):  # texts, lists, objects
+    except (
+        TypeError,
+        ValueError,
+        OverflowError,
+    ):  # texts, lists, objects, and whole numbers beyond all floats
         return None, False
 
 
@@ -56,7 +60,7 @@ def mostly_numbers(given: Any) -> tuple[Array | None, dict[int, str]]:
     for row, cell in enumerate(cells):
         try:
             values[row] = np.nan if cell is None else float(cell)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             texts[row] = str(cell)
     return (values, texts) if 2 * len(texts) <= len(cells) else (None, {})
 

@@ -126,9 +126,14 @@ def _with_current(scale: float) -> Dataset:
     return replace(data, y=scale * data.y, quantum=scale * QUANTUM, current=current)
 
 
-def _two_records(names: tuple[str, str], turned: float = 0.0) -> list[Dataset]:
-    """A record, and the same samples once more, or those of a shaft that began elsewhere [rad]."""
-    return [replace(sound(), name=names[0]), replace(sound(), name=names[1], y=sound().y + turned)]
+def _twice(angle: float) -> list[Dataset]:
+    """A record, and the same whose angle counts from elsewhere by so much [rad]."""
+    return [sound(), replace(sound(), name="another", y=sound().y + angle)]
+
+
+def _again() -> list[Dataset]:
+    """A record, and that of a motor that starts elsewhere within a count, under the same input."""
+    return [sound(), replace(dataset(seed=2, u=sound().u), name="another")]
 
 
 def _table(code: str) -> Dataset:
@@ -151,6 +156,12 @@ def _wrapped(size: float) -> Dataset:
     return measure(recording((data.y + size / 2) % size - size / 2, "rad", t=data.t_output, u=data.u))
 
 
+def _in_counts(size: float) -> Dataset:
+    """Whole numbers times a size, which are called counts."""
+    data = sound()
+    return measure(recording(size * np.rint(100 * data.y), "counts", t=data.t_output, u=data.u))
+
+
 def _example(code: str, faulty: Callable[[], Dataset], like: Callable[[], Dataset]) -> Example:
     def of(made: Callable[[], Dataset]) -> list[Finding]:
         return about_data([made()])
@@ -171,9 +182,14 @@ EXAMPLES = (
     ),
     _example("chain-unknown", lambda: _differenced(""), lambda: _differenced("derivative")),
     Example(
+        code="counts-not-whole",
+        raised=lambda: _in_counts(0.5).findings,
+        absent=lambda: _in_counts(1.0).findings,
+    ),
+    Example(
         code="data-repeated",
-        raised=lambda: about_data(_two_records(("a", "b"))),
-        absent=lambda: about_data(_two_records(("a", "a"), turned=1.0)),
+        raised=lambda: about_data(_twice(1.0)),
+        absent=lambda: about_data(_again()),
     ),
     Example(
         code="factor-off",

@@ -93,7 +93,7 @@ class PredictionError:
         found = test or _profile(structure, data, theta)
         for remaining in reversed(range(_ROUNDS)):
             before = theta
-            model = _whitened(structure, found.disturbance, data, theta)
+            model = _structure_in_blocks(structure, found.disturbance, data, theta)
             minimum = minimise(model, model.whitened_data, theta)
             theta = minimum.theta
             _, covariance = uncertainty(model, model.whitened_data, minimum)
@@ -127,7 +127,7 @@ ESTIMATORS.member("prediction_error")(PredictionError())
 def most_likely(start: Fit, noise: Disturbance) -> Array:
     """Return the vector (P + ΣQ,) that is most likely under a noise model that is known, searched for from another fit's."""
     data = tuple(record.data for record in start.records)
-    model = _whitened(start.model.structure, noise, data, start.vector)
+    model = _structure_in_blocks(start.model.structure, noise, data, start.vector)
     return minimise(model, model.whitened_data, start.vector).theta
 
 
@@ -203,7 +203,7 @@ def _profile(
         noise, around = found.disturbance, None  # what long blocks can't tell apart, shorter ones may
 
 
-def _whitened(
+def _structure_in_blocks(
     structure: Structure, noise: Disturbance, data: tuple[Dataset, ...], theta: Array
 ) -> WhitenedStructure:
     """The structure under a noise model, in blocks of samples so short near theta that it doesn't matter where they begin."""

@@ -136,7 +136,7 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
     form = _format_with(file.suffix.lower())
     if form is None or (form.written and file.suffix.lower() not in form.written):
         raise UsageError(
-            f"{file}: no file format that is written ends in {file.suffix!r}; known: {_written_formats()}"
+            f"{file}: no file format that is written ends in {file.suffix!r}; known: {_formats_to_write()}"
         )
     try:
         # Written apart and then moved, so that what is there stays until the new file is whole.
@@ -227,6 +227,6 @@ def _format_names() -> str:
     return ", ".join(f"{name} ({' '.join(FORMATS[name].suffixes)})" for name in FORMATS.names())
 
 
-def _written_formats() -> str:
+def _formats_to_write() -> str:
     members = [(name, FORMATS[name].written) for name in FORMATS.names()]
     return ", ".join(f"{name} ({' '.join(endings)})" for name, endings in members if endings)

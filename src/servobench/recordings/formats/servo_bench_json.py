@@ -56,7 +56,11 @@ class ServoBenchJson:
             raise FormatError(f"{path.name} isn't JSON, or is damaged: {error}") from None
         entries = content.get("entries") if isinstance(content, dict) else None
         if not isinstance(entries, list) or not any(isinstance(entry, dict) for entry in entries):
-            has = ", ".join(map(repr, list(content)[:12])) if isinstance(content, dict) else "no object"
+            has = (
+                ", ".join(map(repr, list(content)[:12]))
+                if isinstance(content, dict) and content
+                else "nothing by a name"
+            )
             raise FormatError(
                 f'{path.name} is JSON, but not of SysId or a servo bench: it lacks "sysid": true or a list of readings called '
                 f"`entries`, and has {has}"

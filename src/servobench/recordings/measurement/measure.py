@@ -13,7 +13,7 @@ import numpy as np
 from servobench.core.arguments import check_type
 from servobench.core.channels import Array, Channel
 from servobench.core.errors import MissingInformation, NotIdentifiable, UsageError
-from servobench.core.finding import Finding, info
+from servobench.core.finding import Finding, info, warning
 from servobench.core.numbers import check_positive
 from servobench.core.units import in_symbols, is_unit, quantity
 from servobench.core.units import unit as unit_named
@@ -207,6 +207,7 @@ def _output(
         findings += suspect_wraps(column, channel.counts_per_rev)
     column, doubts = _through(column, (*automatic, *at_front))
     if column.unit in {"counts", "counts/s"}:
+        findings += [] if declared.linear else _fractions(column)
         column = counter_column(column, channel)
     elif column.quantity == "position" and all(
         isinstance(s, Unwrap | Scale) for s in (declared + applied).stages
@@ -294,6 +295,18 @@ def _scale_without_unit(stage: Scale) -> Finding:
         f"`{stage}` has no unit, so it counts as part of the measurement, and the result stays in counts. If it "
         f"turns counts into an angle, write its unit: `{stage} rad/count`.",
     )
+
+
+def _fractions(column: Column) -> list[Finding]:
+    """A doubt of counts that aren't whole numbers, though nobody says that they were filtered or averaged."""
+    broken = column.x[np.isfinite(column.x) & (column.x != np.rint(column.x))]
+    if column.quantity != "position" or not len(broken):
+        return []
+    sentence = (
+        f"{column.name!r} is said to be in counts, but {len(broken)} of its {len(column.x)} values aren't whole numbers, such as "
+        f"{broken[0]:.6g}. Name the unit that it has with `output=COL:UNIT`, or what averages the counts with `chain=...`."
+    )
+    return [warning("counts-not-whole", sentence)]
 
 
 def _short_window(stage: Tachometer, sample_time: float) -> Finding:
