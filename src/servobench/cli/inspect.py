@@ -190,7 +190,7 @@ def _times(recording: Recording) -> list[str]:
             lines.append(f"times: {base.samples}, none of them later than another")
             continue
         steps = {f"{step:.3g}" for step in (base.shortest_step, base.p99_step, base.longest_step)}
-        spread = f"at least {base.shortest_step:.3g} s, 99 of 100 below {base.p99_step:.3g} s, at most {base.longest_step:.3g} s"
+        spread = f"at least {base.shortest_step:.3g} s, 99 of 100 up to {base.p99_step:.3g} s, at most {base.longest_step:.3g} s"
         line = f"times: {base.start:.6g} s to {base.end:.6g} s, every {base.median_step:.4g} s"
         lines.append(f"{line} ({spread})" if len(steps) > 1 else line)
     return list(dict.fromkeys(lines)) or ["no times were recognised"]

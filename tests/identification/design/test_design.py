@@ -14,7 +14,12 @@ import pytest
 from scipy.stats import chi2
 
 from servobench.core.errors import MissingInformation, NotIdentifiable, UsageError
-from servobench.identification.design.assumed_motor import AssumedMotor, from_data_sheet, from_result
+from servobench.identification.design.assumed_motor import (
+    AssumedMotor,
+    from_data_sheet,
+    from_result,
+    from_result_file,
+)
 from servobench.identification.design.foresight import foresee
 from servobench.identification.design.limits import DesignLimits
 from servobench.identification.design.search import Design, best_design
@@ -174,3 +179,15 @@ def test_a_voltage_that_friction_takes_is_reported() -> None:
 def test_more_samples_than_can_be_compared_are_refused_at_once() -> None:
     with pytest.raises(UsageError, match=r"a duration of 200 s, or a longer sample time"):
         best_design(PLAIN, DesignLimits(voltage=10.0), duration=201.0)
+
+
+def test_a_refused_recording_is_no_motor_to_design_for() -> None:
+    """Its values are what a search ended with; a design for them failed, and blamed the limits."""
+    data = dataset(seed=1, samples=500)
+    result = identify(replace(data, y=np.zeros(500)))
+    assert result.verdict == "refused"
+
+    with pytest.raises(NotIdentifiable, match=r"a.csv is refused, so there is no motor to design for\. \w"):
+        from_result(result, "a.csv")
+    with pytest.raises(NotIdentifiable, match=r"a.json is refused, so there is no motor to design for\. \w"):
+        from_result_file(result.to_dict(), "a.json", 2048.0)

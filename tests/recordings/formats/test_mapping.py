@@ -443,8 +443,13 @@ def test_the_first_of_doubled_times_stays() -> None:
     ids=["two runs", "a long and a short run", "a short and a long run", "a counter"],
 )
 def test_several_runs_in_one_file_are_an_error(t: np.ndarray) -> None:
-    with pytest.raises(FormatError, match="the time goes back"):
+    with pytest.raises(FormatError, match=r"the time goes back .*\. Cut several runs"):
         with_times(t)
+
+
+def test_rows_out_of_order_are_to_be_sorted() -> None:
+    with pytest.raises(FormatError, match=r"the time goes back \d+ times, .*\. Sort the rows by it"):
+        with_times(np.random.default_rng(1).permutation(T))
 
 
 def test_times_that_are_all_equal_are_an_error() -> None:
@@ -622,7 +627,10 @@ def test_times_that_are_rounded_ask_for_the_sample_time_and_say_why(tmp_path: Pa
 
     (asked,) = missing(recording)
     assert "`sample_time=" in asked
-    assert "`t` isn't used as the time, despite its name: it doesn't increase." in asked
+    assert (
+        "`t` isn't used as the time, despite its name: it stays the same from one row to the next 400 times."
+        in asked
+    )
     with pytest.raises(FormatError, match=r"of the 500 .* same time .* `sample_time=0\.00[12]"):
         assign(recording, time="t")
     assert len(assign(recording, sample_time=0.002)["y"].values) == 500

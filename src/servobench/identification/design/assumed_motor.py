@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from servobench.core.channels import LARGEST_VALUE, LONGEST_STEP, SHORTEST_STEP, Array
 from servobench.core.errors import FormatError, NotIdentifiable
+from servobench.core.finding import Severity, Verdict
 from servobench.identification.estimators.disturbance import Disturbance
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.nominal import nominal_values
@@ -148,6 +149,7 @@ def _of_the_amplifier(sheet: DataSheet) -> tuple[str, ...]:
 def from_result(result: Result, name: str) -> AssumedMotor:
     """Return the motor that was identified, with its noise; raises `NotIdentifiable` where there is no such model."""
     fit, data = result.fit, result.data
+    _check_supported(name, result.verdict, [(each.severity, each.sentence) for each in result.findings])
     if fit is None:
         raise NotIdentifiable(f"{name}: has no model to design for; record it again, or give a data sheet")
     record = data[0]
@@ -174,6 +176,8 @@ def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: floa
     """Return the motor of a result's JSON; the counts of a turn aren't in it. Raises `FormatError`, `NotIdentifiable`."""
     if content.get("schema") not in SCHEMAS:
         raise FormatError(f"{name}: isn't a result of servobench; expected the schema {SCHEMAS[-1]}")
+    reasons = [(each.get("severity"), each.get("sentence")) for each in content.get("findings") or ()]
+    _check_supported(name, content.get("verdict"), reasons)
     parameters = content.get("parameters") or {}
     if not {"gain", "time_constant"} <= set(parameters):
         raise NotIdentifiable(f"{name}: has no gain and time constant to design for; give a data sheet")
@@ -189,6 +193,13 @@ def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: floa
     quantum = 2 * math.pi / counts_per_rev
     extra = _ENCODER.format(f"{counts_per_rev:g}")
     return _with_cautions(_from_result(name, values, quantum, quantum / math.sqrt(12), extra, None), content)
+
+
+def _check_supported(name: str, decided: object, findings: Sequence[tuple[object, object]]) -> None:
+    """Raise `NotIdentifiable` with the first reason of a result that was refused: its values are no motor's."""
+    if decided == Verdict.REFUSED:
+        reason = next((f" {text}" for severity, text in findings if severity == Severity.REFUSAL), "")
+        raise NotIdentifiable(f"{name} is refused, so there is no motor to design for.{reason}")
 
 
 def _with_cautions(motor: AssumedMotor, content: Mapping[str, Any]) -> AssumedMotor:

@@ -18,6 +18,9 @@ from servobench.recordings.recording import Series
 _MOST_LEFT_OUT = (
     0.1  # of the samples, for times that go back; more than that is another run, or another column
 )
+_SHUFFLED = (
+    0.1  # of the samples: times that go back so often are of rows out of order, and not of several runs
+)
 _FEW_LEFT_OUT = 0.01  # of the samples: what a logger spoils when it starts tells nothing against the rest
 _MOST_ROUNDED = 0.5  # of the samples, with the time of the one before
 _MOST_REPEATED = 0.1  # of those, with another value; a logger that repeats rows has none
@@ -117,9 +120,14 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
     far = t[k] - t[k + 1] > 0.5 * (t[k] - t[0])
     if np.mean(back) > _MOST_LEFT_OUT or (far and _longest_block(back) >= _RUN):
         often = "once," if len(jumps) == 1 else f"{len(jumps)} times, the furthest"
+        remedy = (
+            "Sort the rows by it"
+            if len(jumps) > _SHUFFLED * len(t)
+            else "Cut several runs, or a counter that wrapped, into one file each"
+        )
         raise FormatError(
-            f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. Cut several "
-            "runs, or a counter that wrapped, into one file each; or name another column with `time=...`"
+            f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. {remedy}; or name another "
+            "column with `time=...`"
         )
 
 
