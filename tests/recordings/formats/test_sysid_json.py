@@ -196,6 +196,7 @@ def test_rows_that_are_not_as_many_numbers_are_left_out_and_reported(tmp_path: P
         ("{", "isn't JSON"),
         ("[" * 100_000, "isn't JSON"),
         ([1, 2], "has no object"),
+        ({}, "has nothing"),
         ({"mass": 1, "entries": []}, r"it lacks \"sysid\": true or .*, and has 'mass', 'entries'"),
         ({"slow-forward": ROWS}, "frc-characterization"),
         (HEAD, "no test with rows; expected one of slow-forward"),

@@ -57,9 +57,9 @@ class ServoBenchJson:
         entries = content.get("entries") if isinstance(content, dict) else None
         if not isinstance(entries, list) or not any(isinstance(entry, dict) for entry in entries):
             has = (
-                ", ".join(map(repr, list(content)[:12]))
-                if isinstance(content, dict) and content
-                else "nothing by a name"
+                ", ".join(map(repr, list(content)[:12])) or "nothing"
+                if isinstance(content, dict)
+                else "no object"
             )
             raise FormatError(
                 f'{path.name} is JSON, but not of SysId or a servo bench: it lacks "sysid": true or a list of readings called '
