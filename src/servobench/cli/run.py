@@ -121,8 +121,9 @@ def run(
                     all_findings=all_findings,
                 )
             except KeyboardInterrupt:
+                before = "it was printed" if folder.report.exists() else "the report was written"
                 raise PartialStop(
-                    f"interrupted before the report was written; the result is whole: {folder.result}"
+                    f"interrupted before {before}; the result is whole: {folder.result}"
                 ) from None
     raise typer.Exit(_status(recording, result))
 

@@ -40,11 +40,7 @@ def to_numbers(name: str, given: Any) -> tuple[Array | None, bool]:
         return np.array(
             [np.nan if cell is None else cell for cell in cells.ravel()], dtype=np.float64
         ).reshape(cells.shape), False
-    except (
-        TypeError,
-        ValueError,
-        OverflowError,
-    ):  # texts, lists, objects, and whole numbers beyond all floats
+    except (TypeError, ValueError, OverflowError):  # texts, lists, objects; whole numbers without end
         return None, False
 
 
@@ -60,8 +56,10 @@ def mostly_numbers(given: Any) -> tuple[Array | None, dict[int, str]]:
     for row, cell in enumerate(cells):
         try:
             values[row] = np.nan if cell is None else float(cell)
-        except (TypeError, ValueError, OverflowError):
+        except (TypeError, ValueError):
             texts[row] = str(cell)
+        except OverflowError:  # its digits may be too many even for a text
+            texts[row] = "a number beyond all floats"
     return (values, texts) if 2 * len(texts) <= len(cells) else (None, {})
 
 

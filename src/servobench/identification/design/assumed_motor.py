@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -149,7 +149,9 @@ def _of_the_amplifier(sheet: DataSheet) -> tuple[str, ...]:
 def from_result(result: Result, name: str) -> AssumedMotor:
     """Return the motor that was identified, with its noise; raises `NotIdentifiable` where there is no such model."""
     fit, data = result.fit, result.data
-    _check_supported(name, result.verdict, [(each.severity, each.sentence) for each in result.findings])
+    if result.verdict is Verdict.REFUSED:
+        reason = next(f" {each.sentence}" for each in result.findings if each.severity is Severity.REFUSAL)
+        raise NotIdentifiable(f"{_no_motor(name)}{reason}")
     if fit is None:
         raise NotIdentifiable(f"{name}: has no model to design for; record it again, or give a data sheet")
     record = data[0]
@@ -176,8 +178,8 @@ def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: floa
     """Return the motor of a result's JSON; the counts of a turn aren't in it. Raises `FormatError`, `NotIdentifiable`."""
     if content.get("schema") not in SCHEMAS:
         raise FormatError(f"{name}: isn't a result of servobench; expected the schema {SCHEMAS[-1]}")
-    reasons = [(each.get("severity"), each.get("sentence")) for each in content.get("findings") or ()]
-    _check_supported(name, content.get("verdict"), reasons)
+    if content.get("verdict") == Verdict.REFUSED:
+        raise NotIdentifiable(_no_motor(name))
     parameters = content.get("parameters") or {}
     if not {"gain", "time_constant"} <= set(parameters):
         raise NotIdentifiable(f"{name}: has no gain and time constant to design for; give a data sheet")
@@ -195,11 +197,9 @@ def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: floa
     return _with_cautions(_from_result(name, values, quantum, quantum / math.sqrt(12), extra, None), content)
 
 
-def _check_supported(name: str, decided: object, findings: Sequence[tuple[object, object]]) -> None:
-    """Raise `NotIdentifiable` with the first reason of a result that was refused: its values are no motor's."""
-    if decided == Verdict.REFUSED:
-        reason = next((f" {text}" for severity, text in findings if severity == Severity.REFUSAL), "")
-        raise NotIdentifiable(f"{name} is refused, so there is no motor to design for.{reason}")
+def _no_motor(name: str) -> str:
+    """What is said of a result that was refused: its values are no motor's."""
+    return f"{name} is refused, so there is no motor to design for."
 
 
 def _with_cautions(motor: AssumedMotor, content: Mapping[str, Any]) -> AssumedMotor:

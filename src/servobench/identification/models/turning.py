@@ -39,9 +39,7 @@ class Sliding:
         change = max(change, 0.0)
         left, turns = np.asarray(speed != 0, dtype=np.float64), t.astype(np.float64)
         turns[1:] -= 0.5 * np.diff(t)
-        with np.errstate(
-            invalid="ignore", over="ignore"
-        ):  # a trial may run away: its cost refuses it, without a word
+        with np.errstate(invalid="ignore", over="ignore"):  # a trial may run away, and its cost refuses it
             turned = np.flatnonzero(speed[1:] * speed[:-1] < 0) + 1
             before, after, h = np.abs(speed[turned - 1]), np.abs(speed[turned]), t[turned] - t[turned - 1]
             middle = 0.5 * (before + after + h * change)
