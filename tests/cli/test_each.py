@@ -144,7 +144,26 @@ def test_a_copy_is_named_with_what_it_is_a_copy_of(
     copy = tmp_path / "copy.csv"
     copy.write_bytes(fleet[0].read_bytes())
 
-    first, other, last = servobench("identify", fleet[0], fleet[2], copy, *COLUMNS, "--each").out.splitlines()
+    files_given = (fleet[0], fleet[2], copy, fleet[2])
+    first, other, third, again = servobench("identify", *files_given, *COLUMNS, "--each").out.splitlines()
 
-    assert last.endswith(f"; a copy of {fleet[0]}")
+    assert third.endswith(f"; a copy of {fleet[0]}")
+    assert again.endswith(f"; a copy of {fleet[2]}")
     assert "copy of" not in first + other
+
+
+def test_a_reason_names_options_and_no_keywords_of_python(servobench: Command, tmp_path: Path) -> None:
+    """The input is another motor's: the sentence says which column to name."""
+    file = tmp_path / "other.csv"
+    write_motor(file, 20.0)
+    head, *rows = file.read_text(encoding="utf-8").splitlines()
+    cells = [row.split(",") for row in rows]
+    shuffled = np.random.default_rng(1).permutation(len(cells))
+    mixed = [f"{t},{cells[k][1]},{speed}" for (t, _, speed), k in zip(cells, shuffled, strict=True)]
+    file.write_text("\n".join([head, *mixed]) + "\n", encoding="utf-8")
+
+    said = servobench("identify", file, *COLUMNS, "--each").out
+    explained = " ".join(servobench("why", file, *COLUMNS, "--claimed", "tau=0.2").out.split())
+
+    assert "with --input COL:UNIT" in said
+    assert "with --input COL:UNIT" in explained

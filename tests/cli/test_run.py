@@ -632,6 +632,6 @@ def test_ctrl_c_while_the_report_is_written_says_where_the_result_is(
 
     assert ended.status == 130
     assert ended.err.endswith(
-        f"Error: interrupted before the report was written; the result is whole: {folder / 'result.json'}\n"
+        f"Error: interrupted before {folder / 'report.html'} was written; the result is whole, and printed\n"
     )
     assert json.loads((folder / "result.json").read_text(encoding="utf-8"))["verdict"] in ended.out

@@ -146,3 +146,7 @@ def test_a_family_makes_members_from_their_names() -> None:
     assert structures.name_of(structures["3x4"]) == "3x4"
     with pytest.raises(UnknownName, match="NxM: N rows and M columns"):
         structures["3by4"]
+
+
+def test_a_name_where_there_is_none_at_all_lists_nothing() -> None:
+    assert str(UnknownName("column", "part", [])) == "no column called 'part'; there are none"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from servobench.cli.failures import DONE, REFUSED
+from servobench.cli.failures import DONE, REFUSED, PartialStop
 from servobench.core.finding import Verdict
 
 if TYPE_CHECKING:
@@ -58,7 +58,8 @@ def deliver(
 ) -> None:
     """Write the report, if one is wanted, and print the result: as words, and as JSON where that is wanted, too.
 
-    `command` is the line that was typed, for the report. The result is printed even where the report can't be written.
+    `command` is the line that was typed, for the report. The result is printed even where the report can't be written, or
+    Ctrl-C comes before it is.
     """
     from servobench.cli.result_text import show_dangers, show_result
     from servobench.cli.terminal import print_json, say
@@ -67,6 +68,10 @@ def deliver(
     try:
         if report is not None:
             Report(recordings, result, command=command).write(report)
+    except KeyboardInterrupt:
+        raise PartialStop(
+            f"interrupted before {report} was written; the result is whole, and printed"
+        ) from None
     finally:
         show_dangers(console, result.findings)
         if heading:

@@ -86,8 +86,9 @@ def _identify_one(
     if as_json:
         _print_line(file, None, result.to_dict())
     else:
-        first = first_of.setdefault(evidence[0].recording.source.sha256, file)
-        copy = f"; a copy of {first}" if first != file else ""
+        checksum = evidence[0].recording.source.sha256
+        copy = f"; a copy of {first_of[checksum]}" if checksum in first_of else ""
+        first_of.setdefault(checksum, file)
         say(output(), f"{file}: {_in_a_line(result)}{copy}")
     return status_of(result)
 

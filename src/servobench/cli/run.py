@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servobench.cli.failures import CANNOT_WRITE, DEVICE_FAILED, DONE, INTERRUPTED, PartialStop, complain
+from servobench.cli.failures import CANNOT_WRITE, DEVICE_FAILED, DONE, INTERRUPTED, complain
 from servobench.cli.options import (
     AllFindings,
     AsJson,
@@ -109,22 +109,16 @@ def run(
         if result is not None:
             recording, result = _note_missed_target(recording, chosen, result)
             folder.write_result(result.to_dict())
-            try:
-                deliver(
-                    result,
-                    [recording],
-                    console=console,
-                    as_json=as_json,
-                    report=folder.report,
-                    command=context.obj or "",
-                    heading=f"{count_text(len(recording['counts'].values), 'sample')}; {recording.stopped.sentence}",
-                    all_findings=all_findings,
-                )
-            except KeyboardInterrupt:
-                before = "it was printed" if folder.report.exists() else "the report was written"
-                raise PartialStop(
-                    f"interrupted before {before}; the result is whole: {folder.result}"
-                ) from None
+            deliver(
+                result,
+                [recording],
+                console=console,
+                as_json=as_json,
+                report=folder.report,
+                command=context.obj or "",
+                heading=f"{count_text(len(recording['counts'].values), 'sample')}; {recording.stopped.sentence}",
+                all_findings=all_findings,
+            )
     raise typer.Exit(_status(recording, result))
 
 

@@ -14,9 +14,9 @@ from typing import Any, BinaryIO
 
 from servobench.core.errors import FormatError, StorageError, UsageError
 from servobench.fleet.row import COUNTS, LISTS, TEXTS, Row
+from servobench.fleet.source import SETTINGS_SCHEMA
 from servobench.recordings.native.lease import hold
 
-SCHEMA = "servobench.fleet-settings/1"
 _PART = re.compile(r"part-(\d{6})\.parquet")
 _MOST_ROWS = 500
 _LONGEST = 5.0  # s that a row waits to be written: what a kill may cost
@@ -43,7 +43,7 @@ class Results:
         self, folder: Path, settings: Mapping[str, Any], *, now: Callable[[], float] = time.monotonic
     ) -> None:
         self.folder = folder
-        self._settings = json.loads(json.dumps({"schema": SCHEMA, **settings}))
+        self._settings = json.loads(json.dumps({"schema": SETTINGS_SCHEMA, **settings}))
         self._now = now
         self._lock: BinaryIO | None = None
         self._open: _Part | None = None
@@ -205,8 +205,8 @@ def settings_in(folder: Path) -> dict[str, Any]:
         ) from None
     except ValueError as error:
         raise FormatError(f"{path} is damaged: {error}; give a new folder") from None
-    if not isinstance(found, dict) or found.get("schema") != SCHEMA:
-        raise FormatError(f"{path} isn't of the schema {SCHEMA}; give a new folder")
+    if not isinstance(found, dict) or found.get("schema") != SETTINGS_SCHEMA:
+        raise FormatError(f"{path} isn't of the schema {SETTINGS_SCHEMA}; give a new folder")
     return found
 
 

@@ -16,7 +16,8 @@ from servobench.fleet.name_pattern import NamePattern
 _TAGS = ("ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created", "checksum", "CRC")
 """The keys under which the file systems of fsspec give a file's tag or time."""
 
-_OURS = b'"servobench.fleet'  # begins the schema in the settings of a fleet's results
+SETTINGS_SCHEMA = "servobench.fleet-settings/1"
+"""The schema of `settings.json` in a folder of results, which is no source of recordings."""
 
 
 @dataclass(frozen=True, order=True)
@@ -89,7 +90,7 @@ class Folder:
         """Whether the results go to a folder, or an earlier fleet's are in it: their tables are no recordings."""
         ours = self.without is not None and folder.resolve() == self.without.resolve()
         settings = folder / "settings.json"
-        return ours or (settings.is_file() and (folder / "parts").is_dir() and _OURS in settings.read_bytes())
+        return ours or (settings.is_file() and SETTINGS_SCHEMA.encode() in settings.read_bytes())
 
 
 def stamp_of(path: Path) -> str:

@@ -124,7 +124,7 @@ class PredictionError:
 ESTIMATORS.member("prediction_error")(PredictionError())
 
 
-def most_likely(start: Fit, noise: Disturbance) -> Array:
+def maximum_likelihood(start: Fit, noise: Disturbance) -> Array:
     """Return the vector (P + ΣQ,) that is most likely under a noise model that is known, searched for from another fit's."""
     data = tuple(record.data for record in start.records)
     model = _structure_in_blocks(start.model.structure, noise, data, start.vector)

@@ -18,7 +18,7 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import count_text, share_explained
 from servobench.identification.estimators.base import Estimator, Fit, FittedRecord, fit_percent
 from servobench.identification.estimators.output_error import simulate_record, with_start_fitted
-from servobench.identification.estimators.prediction_error import most_likely
+from servobench.identification.estimators.prediction_error import maximum_likelihood
 from servobench.identification.models.common_parameters import ONE_WAY
 from servobench.identification.models.motion import turns_both_ways
 from servobench.identification.result import RecordFit, Validation
@@ -58,8 +58,8 @@ def cross_validate(estimator: Estimator, data: Sequence[Dataset], fit: Fit) -> V
 
     Of several records each is left out in turn (8 of them at the most, spread evenly). Of one record it is each level of the
     input where there are at least three; otherwise each of three stretches that begin with a change of the input. A part
-    without a transient isn't used, nor one of which the rest of the data says nothing. Of what is left out only
-    the start states are fitted.
+    without a transient isn't used, nor one of which the rest of the data says nothing. Where the fit has a random torque, the
+    rest is fitted under that torque's noise (decision 0071). Of what is left out only the start states are fitted.
     """
     how, parts = cuts_for_validation(data)
     held = []
@@ -150,18 +150,17 @@ def about_validation(
 
 def _not_validated(data: Sequence[Dataset]) -> Finding:
     """A finding that no part was left out: there is none, or the rest says too little to predict it."""
-    cannot, record = (
-        "The model couldn't be tested on held-out data",
-        "Record a second run, or an input that changes",
-    )
     if next(cuts_for_validation(data)[1], None) is None:
-        sentence = f"{cannot}: the input must change both in the part left out and in the rest. {record} more than once."
+        why, how = "the input must change both in the part left out and in the rest", "more than once"
     else:
-        sentence = (
-            f"{cannot}: whatever part is left out, the rest determines the model too poorly to predict it. "
-            f"{record} more often."
+        why, how = (
+            "whatever part is left out, the rest determines the model too poorly to predict it",
+            "more often",
         )
-    return info("not-validated", sentence)
+    return info(
+        "not-validated",
+        f"The model couldn't be tested on held-out data: {why}. Record a second run, or an input that changes {how}.",
+    )
 
 
 def _training_data(fit: Fit) -> list[Dataset]:
@@ -189,7 +188,7 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
         starts = [_start(fit, record) for record in part.rest]
         other = estimator.fit(structure, part.rest, (np.concatenate([theta, *starts]),))
         # Under the noise of the whole: another search for it in each part takes long, and a part says less of it.
-        found = other.vector if fit.disturbance is None else most_likely(other, fit.disturbance)
+        found = other.vector if fit.disturbance is None else maximum_likelihood(other, fit.disturbance)
         held = [simulate_record(structure, found[: len(theta)], record) for record in part.held]
     except NotIdentifiable:
         return None

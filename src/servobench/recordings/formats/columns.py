@@ -14,7 +14,7 @@ from servobench.core.channels import Array, Channel
 from servobench.core.finding import Finding, info
 from servobench.core.rounding import count_text
 from servobench.core.units import is_unit, unit
-from servobench.recordings.formats.times import time_base, time_findings
+from servobench.recordings.formats.times import is_out_of_order, time_base, time_findings
 from servobench.recordings.recording import Recording, Series, Source
 
 Rows = NDArray[np.int64]
@@ -53,7 +53,6 @@ _CURRENT = re.compile(r"(?:.*_)?(?i:current|curr|i|ia|im|iq)_(A|mA)")
 _VOLTAGE = re.compile(r"(?:.*_)?(?:voltage|emf|supply|battery|vbat|vbus|vin|volt)_(m?v)", re.IGNORECASE)
 # What stands in brackets and is no unit, as in `time(t)`, or in the underscores that a program puts in their place.
 REMARK = re.compile(r"(?P<name>.+?)(?:\s*[\[({<](?P<inside>[^\[\](){}<>]+)[\])}>]|_(?P<between>[^_\W]+)_)")
-_OFTEN = 0.1  # of the rows: times that go back so often are of rows out of order, and not of several runs
 _CLOSING = {"]": "[", ")": "(", "}": "{", ">": "<"}
 _JOINED = re.compile(r"(?P<name>.+?)(?:\s*/\s*|\s+in\s+|\s*,\s*)(?P<unit>.+)")
 
@@ -332,11 +331,10 @@ def _why_no_time(values: Array) -> str:
     if _mostly_increases(values[::-1]):
         return "it runs backwards; sort the rows by it, the earliest first"
     steps = np.diff(values)
-    same, back = int(np.sum(steps == 0)), int(np.sum(steps < 0))
-    if not back:
-        return f"it stays the same from one row to the next {count_text(same, 'time')}"
-    if back > _OFTEN * len(steps):
-        return f"it goes back {back} times; sort the rows by it, the earliest first"
+    if steps.min() >= 0:
+        return f"it stays the same from one row to the next {count_text(int(np.sum(steps == 0)), 'time')}"
+    if is_out_of_order(values):
+        return f"it goes back {count_text(int(np.sum(steps < 0)), 'time')}; sort the rows by it, the earliest first"
     return "it doesn't increase"
 
 

@@ -174,18 +174,8 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
-    names = [each.name for each in headings]
-    words = faults.take_words(values)
-    about_words = [
-        info("column-skipped", f"`{names[c]}` holds text, such as {example[:40]!r}, and no number.")
-        for c, example in words.items()
-    ]
-    nan = np.isnan(values) & usable[:, None]
-    nan[:, list(words)] = False
-    about_cells = _about_faults(faults, lines.rows[start:], names, nan)
-    about_texts = about_columns(faults.texts, names, len(values))
-    about_rows = [*_about_lines(lines, start, used), *about_stamps]
-    findings = [*about_header, *about_rows, *about_words, *about_cells, *about_texts]
+    about_cells = _about_cells(faults, lines.rows[start:], [each.name for each in headings], values, usable)
+    findings = [*about_header, *_about_lines(lines, start, used), *about_stamps, *about_cells]
     if layout.decimal == ",":
         findings.insert(0, info("decimal-comma", "The commas inside numbers are decimal marks."))
     return Table(
@@ -600,6 +590,23 @@ def _without_remark(line: str, layout: Layout) -> list[str] | None:
     remark = _REMARK.search(line)
     row = layout.row(line[: remark.start()]) if remark else None
     return row if row is not None and all(map(layout.is_number, row)) else None
+
+
+def _about_cells(
+    faults: Faults, rows: NDArray[np.int64], names: Sequence[str], values: Array, usable: NDArray[np.bool_]
+) -> list[Finding]:
+    """The findings on columns of words, on faults, and on columns with many texts, of values (N, M); `usable` (N,) are used."""
+    words = faults.take_words(values)
+    nan = np.isnan(values) & usable[:, None]
+    nan[:, list(words)] = False
+    return [
+        *(
+            info("column-skipped", f"`{names[c]}` holds text, such as {example[:40]!r}, and no number.")
+            for c, example in words.items()
+        ),
+        *_about_faults(faults, rows, names, nan),
+        *about_columns(faults.texts, names, len(values)),
+    ]
 
 
 def _about_faults(

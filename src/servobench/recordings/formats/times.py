@@ -18,6 +18,7 @@ UNEVEN = 0.05
 """Steps are uneven where the 1st and the 99th percentile lie further apart than this share of the median."""
 
 
+_OUT_OF_ORDER = 0.1  # of the rows
 _LONGEST = float(np.finfo(np.float64).max) / 4
 
 
@@ -123,6 +124,11 @@ def in_words(rows: NDArray[np.int64], noun: str = "row") -> str:
     if last - first == len(rows) - 1:
         return f"{noun}s {first} to {last}"
     return f"{len(rows)} {noun}s from {first} to {last}"
+
+
+def is_out_of_order(t: Array) -> bool:
+    """Return whether times t (N,) [s] go back so often that the rows are out of order, and not of several runs."""
+    return bool(np.sum(np.diff(t) < 0) > _OUT_OF_ORDER * len(t))
 
 
 def keep_increasing(t: Array) -> NDArray[np.bool_]:

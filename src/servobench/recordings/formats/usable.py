@@ -12,14 +12,11 @@ from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array, measura
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info, warning
 from servobench.recordings.formats.roles import Role
-from servobench.recordings.formats.times import in_words, keep_increasing
+from servobench.recordings.formats.times import in_words, is_out_of_order, keep_increasing
 from servobench.recordings.recording import Series
 
 _MOST_LEFT_OUT = (
     0.1  # of the samples, for times that go back; more than that is another run, or another column
-)
-_SHUFFLED = (
-    0.1  # of the samples: times that go back so often are of rows out of order, and not of several runs
 )
 _FEW_LEFT_OUT = 0.01  # of the samples: what a logger spoils when it starts tells nothing against the rest
 _MOST_ROUNDED = 0.5  # of the samples, with the time of the one before
@@ -122,7 +119,7 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
         often = "once," if len(jumps) == 1 else f"{len(jumps)} times, the furthest"
         remedy = (
             "Sort the rows by it"
-            if len(jumps) > _SHUFFLED * len(t)
+            if is_out_of_order(t)
             else "Cut several runs, or a counter that wrapped, into one file each"
         )
         raise FormatError(

@@ -240,14 +240,14 @@ class Dataset:
             delay=self.delay,
             hidden_delay=self.hidden_delay,
             reference_unit=self.reference_unit,
-            reference=None if self.reference is None else self.reference[self._hold_indices(t_input)],
+            reference=None if self.reference is None else self.reference[self.hold_indices(t_input)],
             current=None if self.current is None else self.current[keep_out],
             chain_known=self.chain_known,
             starts_at_rest=self.starts_at_rest and bool(keep_out[0]),
         )
 
-    def _hold_indices(self, t: Array) -> NDArray[np.int64]:
-        """The indices of the input's values that held at times t (K,)."""
+    def hold_indices(self, t: Array) -> NDArray[np.int64]:
+        """Return the indices of the input's values that held at times t (K,) [s], (K,); 0 before the first."""
         return np.maximum(np.searchsorted(self.t_input, t, side="right") - 1, 0)
 
 
