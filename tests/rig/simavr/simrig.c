@@ -407,6 +407,10 @@ void rig_reset(rig *r) {
 #include <unistd.h>
 
 #define SLICE (FREQUENCY / 2000) /* cycles; bytes are exchanged with the terminal after each */
+/* A quartz doesn't stand still while the computer does: time that was lost is made up for at this many times real time, so that a
+   host has time to answer. A machine too slow for that falls behind by so many seconds, and from there on the rig is slow, too. */
+#define HASTE 2.0
+#define MOST_BEHIND 1.0
 
 static double now(void) {
     struct timespec t;
@@ -515,13 +519,14 @@ int main(int count, char **words) {
     int master = open_terminal();
     double begun = now();
     while (obey(r) && !r->crashed) {
+        double before = now();
         rig_run(r, SLICE);
         exchange(r, master);
-        double ahead = begun + (double)r->avr->cycle / FREQUENCY - now();
+        double due = begun + (double)r->avr->cycle / FREQUENCY;
+        double ahead = fmax(due, before + SLICE / (HASTE * FREQUENCY)) - now();
         if (ahead > 0)
             usleep((useconds_t)(1e6 * ahead));
-        else /* where the machine is too slow the rig is, too, and nothing is made up for */
-            begun -= ahead;
+        begun += fmax(0, now() - due - MOST_BEHIND);
     }
     return r->crashed;
 }
