@@ -215,12 +215,17 @@ class Page:
         return float("nan") if text == "–" else float(text)
 
     def readings(self, scope: str, trace: str, seconds: float) -> list[float]:
-        """The numbers that are shown beside a trace's name over some time."""
-        found = []
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            found.append(self.reading(scope, trace))
-            self.page.wait_for_timeout(40)
+        """The numbers that are shown beside a trace's name over some time in which nothing held the motor up."""
+        found: list[float] = []
+        held_up = -1
+        while held_up != len(self.held_up):
+            held_up = len(self.held_up)
+            found.clear()
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                found.append(self.reading(scope, trace))
+                self.page.wait_for_timeout(40)
+            self.until(lambda: not self.driving or self.text("#run-text") == "Driving")
         return found
 
     def drive(self) -> None:

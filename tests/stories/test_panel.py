@@ -203,7 +203,7 @@ def stops_by_escape(page: Page, program: Program) -> None:
     while held_up != len(page.held_up):
         held_up = len(page.held_up)
         name = f"stopped-{held_up}"
-        recorded_while_escape_is_pressed(page, name)
+        record_while_escape_is_pressed(page, name)
         if held_up != len(page.held_up):
             page.start()
 
@@ -220,17 +220,19 @@ def stops_by_escape(page: Page, program: Program) -> None:
     assert np.ptp(counts[:after]) > 100
 
 
-def recorded_while_escape_is_pressed(page: Page, name: str) -> None:
+def record_while_escape_is_pressed(page: Page, name: str) -> None:
     page.until(lambda: page.text("#run-text") == "Driving")
     record(page, name, "")
-    page.until(lambda: page.text("#record-time") >= "0:01")
+    held_up = len(page.held_up)
+    page.until(lambda: page.text("#record-time") >= "0:01" or held_up != len(page.held_up))
     page.driving = False
     page.page.keyboard.press("Escape")
     page.until(lambda: page.text("#run-text") == "Zero volts")
     page.page.wait_for_timeout(2000)
     page.see_to_a_busy_computer()
-    page.button(re.compile("^End")).click()
-    page.page.locator("#toast").get_by_text(f"Recorded {name}").wait_for()
+    if held_up == len(page.held_up):  # a fault ends the recording, too
+        page.button(re.compile("^End")).click()
+        page.page.locator("#toast").get_by_text(f"Recorded {name}").wait_for()
 
 
 THEMES = {
