@@ -3,6 +3,7 @@
 import ast
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -162,3 +163,35 @@ def test_a_function_is_named_after_what_it_returns_or_does() -> None:
     assert found == [], (
         "a noun for the result or an imperative for the act, such as `required_fact` or `run_ticks`"
     )
+
+
+# Words that say how one came by a thing, and nothing of the thing. Fields that files and users know by such a name keep it.
+SAYS_NOTHING = {"found", "given", "seen", "kept", "drawn"}
+
+
+def variables(function: ast.AST) -> Iterator[tuple[int, str]]:
+    """The line and the name of each argument of a function, and of each variable that it sets."""
+    for node in ast.walk(function):
+        if isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
+
+
+def test_the_variables_of_a_function_are_seen() -> None:
+    text = "def f(a, *, b):\n    c = a\n    return [d for d in c if (e := d)]"
+
+    assert [name for _, name in variables(ast.parse(text))] == ["a", "b", "c", "d", "e"]
+
+
+def test_a_variable_is_named_after_what_it_holds() -> None:
+    vague = [
+        f"{path.relative_to(PACKAGE)}:{line}: {name}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        for line, name in variables(node)
+        if name in SAYS_NOTHING
+    ]
+
+    assert vague == [], "a noun for the thing, such as `intervals`, `columns` or `settings`"

@@ -104,21 +104,21 @@ def commission(
                 until_wrap=until_wrap,
             )
             _announce(bench, console, progress, talks)
-            found = carry_out(
+            acceptance = carry_out(
                 bench,
                 datetime.now(UTC).isoformat(timespec="seconds"),
                 begin=lambda title: progress.begin(title),
                 end=lambda checked: _show(console, progress, checked),
             )
-            found = _with_options(found)
+            acceptance = _with_options(acceptance)
             if signature:
-                found = sign_off(found, *signature)
+                acceptance = sign_off(acceptance, *signature)
             progress.begin("writing the report")
-            _write(found, bench, folder)
-    _conclude(console, found, folder)
+            _write(acceptance, bench, folder)
+    _conclude(console, acceptance, folder)
     if as_json:
-        print_json(found.to_dict())
-    raise typer.Exit(_status(found))
+        print_json(acceptance.to_dict())
+    raise typer.Exit(_status(acceptance))
 
 
 class Hand:
@@ -243,7 +243,7 @@ def _show(console: Console, progress: Progress, checked: Checked) -> None:
             show_wrapped(console, Text(" " * 14 + "→ "), with_options(outcome.remedy), hanging=16)
 
 
-def _with_options(found: Acceptance) -> Acceptance:
+def _with_options(acceptance: Acceptance) -> Acceptance:
     """The same with options in place of keywords, for a reader at a command line."""
     from servobench.cli.option_names import with_options
 
@@ -251,33 +251,33 @@ def _with_options(found: Acceptance) -> Acceptance:
         outcome = replace(checked.outcome, remedy=with_options(checked.outcome.remedy))
         return replace(checked, outcome=outcome)
 
-    return replace(found, checks=tuple(map(with_option, found.checks)))
+    return replace(acceptance, checks=tuple(map(with_option, acceptance.checks)))
 
 
-def _write(found: Acceptance, bench: Bench, folder: Path) -> None:
+def _write(acceptance: Acceptance, bench: Bench, folder: Path) -> None:
     """Write the answer and the report; raises `StorageError`."""
     from servobench.core.errors import StorageError
     from servobench.report.commission import AcceptanceReport
 
     answer = folder / "commission.json"
-    text = json.dumps(found.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(acceptance.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
     try:
         answer.write_text(text + "\n", encoding="utf-8", errors="backslashreplace", newline="\n")
     except OSError as error:
         raise StorageError(f"{answer} can't be written: {error.strerror or error}") from error
-    AcceptanceReport(found, bench.recordings).write(folder / "report.html")
+    AcceptanceReport(acceptance, bench.recordings).write(folder / "report.html")
 
 
-def _conclude(console: Console, found: Acceptance, folder: Path) -> None:
+def _conclude(console: Console, acceptance: Acceptance, folder: Path) -> None:
     from servobench.cli.terminal import say
     from servobench.report.commission import conclusion
 
-    sentence = conclusion(found)
+    sentence = conclusion(acceptance)
     say(console, f"\n{sentence['word']}. {sentence['reason']}")
     say(console, f"report: {folder / 'report.html'}")
 
 
-def _status(found: Acceptance) -> int:
-    if found.interrupted:
+def _status(acceptance: Acceptance) -> int:
+    if acceptance.interrupted:
         return INTERRUPTED
-    return DEVICE_FAILED if found.failed or found.ended else DONE
+    return DEVICE_FAILED if acceptance.failed or acceptance.ended else DONE

@@ -90,10 +90,10 @@ def _say_timing(console: Console, recordings: Sequence[Recording]) -> None:
     from servobench.rig.lateness import lateness
 
     for recording in recordings:
-        found = lateness(recording)
-        if found is not None:
+        timing = lateness(recording)
+        if timing is not None:
             whose = f" of {recording.name}" if len(recordings) > 1 else ""
-            say(console, f"timing{whose}: {found.sentence}\n")
+            say(console, f"timing{whose}: {timing.sentence}\n")
 
 
 def status_of(result: Result) -> int:

@@ -108,10 +108,10 @@ def _motor(
     if nominal is not None and known_from is not None:
         raise UsageError("--nominal and --from both describe the motor; give one of them")
     if known_from is None:
-        given = [*reading.flags, *(["--starts-at-rest"] if starts_at_rest else [])]
-        if given:
+        flags = [*reading.flags, *(["--starts-at-rest"] if starts_at_rest else [])]
+        if flags:
             raise UsageError(
-                f"{' and '.join(given)}: a data sheet says all of this; leave that out, or give a recording with --from FILE"
+                f"{' and '.join(flags)}: a data sheet says all of this; leave that out, or give a recording with --from FILE"
             )
         return from_data_sheet(nominal or "qube_servo_2")
     if is_result(known_from):

@@ -20,8 +20,10 @@ def device_choice(text: str, in_file: DeviceChoice, where: str, option: str = "-
     from servobench.core.errors import UsageError
     from servobench.rig.devices.base import missing_settings
 
-    name, given = _read(text, option)
-    settings: Mapping[str, Any] = {**in_file.settings, **given} if name == in_file.name else given
+    name, text_settings = _read(text, option)
+    settings: Mapping[str, Any] = (
+        {**in_file.settings, **text_settings} if name == in_file.name else text_settings
+    )
     if missing := missing_settings(name, settings):
         lines = [f"{option}{text}: {each}" for each in missing]
         raise UsageError(
@@ -44,7 +46,7 @@ def _read(text: str, option: str) -> tuple[str, dict[str, Any]]:
             f"{option}{text!r} can't be read; expected a name and settings: rig:/dev/ttyUSB0 supply=9V"
         )
     name, colon, address = words[0].partition(":")
-    given: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
     if colon:
         setting = getattr(DEVICES[name], "address", None)
         if setting is None or not address:
@@ -52,15 +54,15 @@ def _read(text: str, option: str) -> tuple[str, dict[str, Any]]:
                 f"{option}{words[0]!r}: {'nothing stands' if setting else f'the device {name} takes nothing'} behind the colon; "
                 f"expected {option}{name}{':' + setting.upper() if setting else ''}"
             )
-        given[setting] = address
+        settings[setting] = address
     for word in words[1:]:
         key, sign, value = word.partition("=")
-        if not (key and sign and value) or key in given:
+        if not (key and sign and value) or key in settings:
             raise UsageError(
                 f"{option}{text!r}: {word!r} isn't a setting, or occurs twice; expected key=value, as in supply=9V"
             )
-        given[key] = _value(value)
-    return name, given
+        settings[key] = _value(value)
+    return name, settings
 
 
 def _value(text: str) -> Any:

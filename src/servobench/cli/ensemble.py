@@ -78,19 +78,20 @@ def ensemble(
     tolerances = _tolerances(spread or ())
     console = messages() if as_json else output()
     with empty_folder(out, "ensemble", datetime.now()) as folder:
-        found: list[IdentifiedMotor] = []
+        identified_motors: list[IdentifiedMotor] = []
         with Progress() as progress, announce_compiling(progress):
             made = _simulate(motor, chosen, count, tolerances, threads, progress)
             _write(folder, "experiment.toml", chosen.to_toml())
-            stopped = identify and _identify(made, threads, progress, found)
-            document = _keep(made, found, folder, context.obj or "", progress)
-        _show(console, made, found)
+            stopped = identify and _identify(made, threads, progress, identified_motors)
+            document = _keep(made, identified_motors, folder, context.obj or "", progress)
+        _show(console, made, identified_motors)
         say(console, f"\ntable: {folder / 'motors.csv'}; report: {folder / 'report.html'}")
         if as_json:
             print_json(document)
         if stopped:
             raise PartialStop(
-                f"interrupted: {len(found)} of {len(made)} motors identified; they are in {folder / 'motors.csv'} and the report"
+                f"interrupted: {len(identified_motors)} of {len(made)} motors identified; they are in "
+                f"{folder / 'motors.csv'} and the report"
             )
     raise typer.Exit(DONE)
 
@@ -141,38 +142,40 @@ def _tolerances(texts: Sequence[str]) -> dict[str, str]:
     """Each NAME=TOLERANCE; raises `UsageError` for none, for another text and for a name given twice."""
     from servobench.core.errors import UsageError
 
-    found: dict[str, str] = {}
+    tolerances: dict[str, str] = {}
     for text in texts:
         name, _, tolerance = (part.strip() for part in text.partition("="))
         if not (name and tolerance):
             raise UsageError(f"--spread {text}: expected NAME=TOLERANCE, such as resistance=10%")
-        if name in found:
+        if name in tolerances:
             raise UsageError(f"--spread {text}: {name} was given before; give it once")
-        found[name] = tolerance
-    if not found:
+        tolerances[name] = tolerance
+    if not tolerances:
         raise UsageError(
             "no parameter has a tolerance, so all motors would be alike; give one with --spread, such as --spread resistance=10%"
         )
-    return found
+    return tolerances
 
 
-def _identify(made: Ensemble, workers: int | None, progress: Progress, found: list[IdentifiedMotor]) -> bool:
-    """Identify all motors into `found`; return whether Ctrl-C came before the last."""
+def _identify(
+    made: Ensemble, workers: int | None, progress: Progress, identified_motors: list[IdentifiedMotor]
+) -> bool:
+    """Identify all motors into `identified_motors`; return whether Ctrl-C came before the last."""
     from servobench.core.rounding import count_text
     from servobench.fleet.ensemble import identify_ensemble
 
     progress.begin(f"identifying {count_text(len(made), 'motor')}")
     try:
         for each in identify_ensemble(made, workers):
-            found.append(each)
-            progress.advance(len(found) / len(made))
+            identified_motors.append(each)
+            progress.advance(len(identified_motors) / len(made))
     except KeyboardInterrupt:
         return True
     return False
 
 
 def _keep(
-    made: Ensemble, found: list[IdentifiedMotor], folder: Path, command: str, progress: Progress
+    made: Ensemble, identified_motors: list[IdentifiedMotor], folder: Path, command: str, progress: Progress
 ) -> dict[str, Any]:
     """Write table, report and JSON, and return the latter as plain data."""
     from servobench.core.json_numbers import finite
@@ -180,14 +183,17 @@ def _keep(
     from servobench.fleet.ensemble_page import write_page_of, write_table
 
     progress.begin("writing table and report")
-    files = [write_table(made, found, folder), write_page_of(made, found, folder, command)]
+    files = [
+        write_table(made, identified_motors, folder),
+        write_page_of(made, identified_motors, folder, command),
+    ]
     verdicts: dict[str, int] = {}
-    for each in found:
+    for each in identified_motors:
         verdicts[each.verdict or "unusable"] = verdicts.get(each.verdict or "unusable", 0) + 1
     document = {
         **made.to_dict(),
         "identified": {
-            "motors": len(found),
+            "motors": len(identified_motors),
             "verdicts": verdicts,
             "coverage": {
                 each.parameter: {
@@ -195,7 +201,7 @@ def _keep(
                     "covered": each.covered,
                     **{name: finite(getattr(each, name)) for name in ("share", "scatter", "bias")},
                 }
-                for each in coverages(made, found)
+                for each in coverages(made, identified_motors)
             },
         },
         "files": [str(each) for each in files],
@@ -213,7 +219,7 @@ def _write(folder: Path, name: str, text: str) -> None:
         raise StorageError(f"{folder / name} can't be written: {error.strerror or error}") from error
 
 
-def _show(console: Console, made: Ensemble, found: Sequence[IdentifiedMotor]) -> None:
+def _show(console: Console, made: Ensemble, identified_motors: Sequence[IdentifiedMotor]) -> None:
     """Print what the tolerances do, how the outcomes are spread, and whether the intervals cover."""
     from rich.text import Text
 
@@ -232,5 +238,5 @@ def _show(console: Console, made: Ensemble, found: Sequence[IdentifiedMotor]) ->
     for name in made.outcomes:
         if note := remark(made, name):
             show_wrapped(console, Text(f"{plain_words(name)}: "), note, hanging=2)
-    for each in coverages(made, found):
+    for each in coverages(made, identified_motors):
         show_wrapped(console, Text(""), coverage_text(each), hanging=2)

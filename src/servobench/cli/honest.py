@@ -71,12 +71,12 @@ def honest(
     from servobench.identification.honest.repeatability import honest as held_together
 
     check_names(structure, "auto", None)
-    given = files or []
-    experiment = given[0] if len(given) == 1 and given[0].suffix == ".toml" else None
+    paths = files or []
+    experiment = paths[0] if len(paths) == 1 and paths[0].suffix == ".toml" else None
     console = messages() if as_json else output()
     with Progress() as progress, announce_compiling(progress):
-        if given and experiment is None:
-            recordings = load_all(given, progress)
+        if paths and experiment is None:
+            recordings = load_all(paths, progress)
         else:
             _refuse_reading(reading)
             recordings, chain = _repeat_runs(experiment, device, seed, runs, out, console, progress)
@@ -85,11 +85,11 @@ def honest(
         evidence = evidence_of(recordings, reading)
         data = [each.dataset(starts_at_rest) for each in evidence]
         measured = _channel_means([each.recording for each in evidence])
-        found = held_together(data, structure=structure, beside=measured)
-    _show(console, found)
+        honesty = held_together(data, structure=structure, beside=measured)
+    _show(console, honesty)
     if as_json:
-        print_json(found.to_dict())
-    raise typer.Exit(status_after(recordings[-1]) if experiment or not given else DONE)
+        print_json(honesty.to_dict())
+    raise typer.Exit(status_after(recordings[-1]) if experiment or not paths else DONE)
 
 
 def _refuse_reading(reading: Reading) -> None:
@@ -162,7 +162,7 @@ def _channel_means(recordings: Sequence[Recording]) -> Mapping[str, list[float]]
     import numpy as np
 
     words = {"temp": "the temperature", "supply": "the supply", "batter": "the supply", "bus": "the supply"}
-    found: dict[str, list[float]] = {}
+    means: dict[str, list[float]] = {}
     for series in recordings[0].series:
         what = next(
             (quantity for word, quantity in words.items() if word in series.channel.name.lower()), None
@@ -172,31 +172,31 @@ def _channel_means(recordings: Sequence[Recording]) -> Mapping[str, list[float]]
             for each in recordings
         ]
         if what is not None and all(s is not None and len(s.values) for s in same):
-            found.setdefault(what, [float(np.nanmean(s.values)) for s in same if s is not None])
-    return found
+            means.setdefault(what, [float(np.nanmean(s.values)) for s in same if s is not None])
+    return means
 
 
-def _show(console: Console, found: Honesty) -> None:
+def _show(console: Console, honesty: Honesty) -> None:
     """Print how each parameter scatters, a picture of those that matter most, and what was found."""
     from servobench.cli.layout import show_table
     from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import say
     from servobench.core.rounding import plain, round_value
 
-    say(console, f"{len(found.runs)} runs, structure {found.structure}\n")
+    say(console, f"{len(honesty.runs)} runs, structure {honesty.structure}\n")
     headings = ("parameter", "over all runs", "±", "unit", "scatter / stated", "between 95 %", "covered")
     rows = []
-    for each in found.parameters:
+    for each in honesty.parameters:
         mean = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
         ends = f"{plain(each.ratio_interval[0], 2)} to {plain(each.ratio_interval[1], 2)}"
         cells = (mean.value, mean.half, mean.unit, plain(each.ratio, 2), ends)
-        rows.append((each.label, *cells, f"{each.covered} of {len(found.runs)}"))
+        rows.append((each.label, *cells, f"{each.covered} of {len(honesty.runs)}"))
     show_table(console, headings, rows, right=headings[1:3])
     console.print()
-    for each in found.parameters:
+    for each in honesty.parameters:
         if each.name in ("gain", "time_constant") or each.differs:
-            _draw(console, each, found.runs)
-    show_findings(console, found.findings)
+            _draw(console, each, honesty.runs)
+    show_findings(console, honesty.findings)
 
 
 def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:

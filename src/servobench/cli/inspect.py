@@ -210,12 +210,12 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
     for series in shown:
         t = np.arange(len(series.values), dtype=np.float64) if series.t is None else series.t
         held = series.channel.name == recording.input
-        drawn = line_over_time(
+        picture = line_over_time(
             t, series.values, pen, width=console.width - 2, unit=series.channel.unit or "", held=held
         )
-        if series.t is None and drawn:
-            drawn[-1] = drawn[-1].replace(" s", "")
-        lines += ["", f"  {series.channel.name}", *(f"  {line}" for line in drawn)]
+        if series.t is None and picture:
+            picture[-1] = picture[-1].replace(" s", "")
+        lines += ["", f"  {series.channel.name}", *(f"  {line}" for line in picture)]
         ends = extremes(series)
         if ends is not None and ends.looks_limited:
             share = percent(100 * max(ends.at_smallest, ends.at_largest))

@@ -30,19 +30,20 @@ def inspection_document(recordings: Sequence[tuple[Recording, Mapping]]) -> dict
 
 
 def _of(recording: Recording, mapping: Mapping) -> dict[str, Any]:
-    found = describe(recording, mapping)
+    description = describe(recording, mapping)
     return {
-        "name": found.name,
-        "channels": [asdict(each) for each in found.channels],
+        "name": description.name,
+        "channels": [asdict(each) for each in description.channels],
         "times": [
             {name: getattr(each, name) for name in ("samples", "start", "end", "median_step", "longest_step")}
-            for each in found.time_bases
+            for each in description.time_bases
         ],
         "mapping": {
-            each.name: getattr(found.mapping, each.name)
-            for each in fields(found.mapping)
-            if each.name not in ("each", "recordings") and getattr(found.mapping, each.name) not in (None, "")
+            each.name: getattr(description.mapping, each.name)
+            for each in fields(description.mapping)
+            if each.name not in ("each", "recordings")
+            and getattr(description.mapping, each.name) not in (None, "")
         },
-        "missing": [with_options(each) for each in found.missing],
-        "findings": [finding_document(each) for each in found.findings],
+        "missing": [with_options(each) for each in description.missing],
+        "findings": [finding_document(each) for each in description.findings],
     }

@@ -106,9 +106,9 @@ def line(watch: Watch, silence: float) -> str:
 def _values(message: dict[str, Any]) -> list[tuple[str, str]]:
     """The parameters in words, each with its value, half of its interval and its unit."""
     shown = []
-    for name, found in message["parameters"].items():
-        low, high = found["interval"]
-        text = rounded_interval(found["value"], (low, high), found["unit"])
+    for name, estimate in message["parameters"].items():
+        low, high = estimate["interval"]
+        text = rounded_interval(estimate["value"], (low, high), estimate["unit"])
         shown.append((parameter_in_words(name), str(text)))
     return shown
 

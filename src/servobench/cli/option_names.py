@@ -59,10 +59,10 @@ _WITHOUT_VALUE = ("...", "True")
 def with_options(sentence: str, options: Mapping[str, str] = OPTIONS) -> str:
     """Return a sentence with options in the place of keywords; what isn't among the options stays as it is."""
 
-    def option(found: re.Match[str]) -> str:
-        name, value = found.groups()
+    def option(match: re.Match[str]) -> str:
+        name, value = match.groups()
         if name not in options:
-            return found[0]
+            return match[0]
         return options[name] if value in _WITHOUT_VALUE else f"{options[name]} {value}"
 
     return _KEYWORD.sub(option, sentence)

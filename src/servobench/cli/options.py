@@ -260,9 +260,9 @@ def with_reading(command: Callable[..., T]) -> Callable[..., T]:
             parameters.append(option)
 
     @wraps(command)
-    def read(**given: Any) -> T:
-        reading = Reading(**{name: given.pop(name) for name in names})
-        return command(**given, reading=reading)
+    def read(**arguments: Any) -> T:
+        reading = Reading(**{name: arguments.pop(name) for name in names})
+        return command(**arguments, reading=reading)
 
     read.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
     return read

@@ -15,23 +15,23 @@ def parse_parameters(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     from servobench.core.units import quantity
     from servobench.identification.motor_parameters.observation import UNITS, from_values
 
-    found: dict[str, tuple[float, float]] = {}
+    parameters: dict[str, tuple[float, float]] = {}
     for text in texts:
-        name, _, given = (part.strip() for part in text.partition("="))
-        if not given:
+        name, _, value_text = (part.strip() for part in text.partition("="))
+        if not value_text:
             raise UsageError(
                 f"--known {text}: expected NAME=VALUE or NAME=VALUE±SD, such as resistance=8.4±0.4"
             )
         if name not in UNITS:
             raise UnknownName("parameter of a motor", name, UNITS)
-        value, _, sd = (part.strip() for part in given.replace("+-", "±").partition("±"))
+        value, _, sd = (part.strip() for part in value_text.replace("+-", "±").partition("±"))
         unit = sd.lstrip("0123456789.eE+-").strip()
         try:
             pair = quantity(f"{value} {unit}", UNITS[name]), quantity(sd, UNITS[name]) if sd else 0.0
         except UnitError as error:
             raise UsageError(f"--known {text}: {error}") from None
-        if name in found:
+        if name in parameters:
             raise UsageError(f"--known {text}: {name} was given before; give it once")
-        found[name] = pair
-    from_values(found)
-    return found
+        parameters[name] = pair
+    from_values(parameters)
+    return parameters

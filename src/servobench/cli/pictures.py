@@ -104,9 +104,11 @@ def _dots(t: Array, y: Array, pen: Pen, columns: int, height: int, held: bool) -
     dots = np.zeros((rows, wide), dtype=np.bool_)
     inside = np.searchsorted(t, edges)
     for k in range(wide):
-        seen: Sequence[float] = [on_edge[k], *y[inside[k] : inside[k + 1]]]
+        values: Sequence[float] = [on_edge[k], *y[inside[k] : inside[k + 1]]]
         if not held:
-            seen = [*seen, on_edge[k + 1]]
-        bottom, top = (round((rows - 1) * (float(value) - low) / size) for value in (min(seen), max(seen)))
+            values = [*values, on_edge[k + 1]]
+        bottom, top = (
+            round((rows - 1) * (float(value) - low) / size) for value in (min(values), max(values))
+        )
         dots[rows - 1 - top : rows - bottom, k] = True
     return dots

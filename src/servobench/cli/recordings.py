@@ -100,8 +100,8 @@ def refuse_reading(path: Path, reading: Reading, starts_at_rest: bool, usable: S
     """Raise `UsageError` for options that say how to read a recording where there is a result; `usable` are of use there, too."""
     from servobench.core.errors import UsageError
 
-    given = [*reading.flags, *(["--starts-at-rest"] if starts_at_rest else [])]
-    useless = [each for each in given if each not in usable]
+    flags = [*reading.flags, *(["--starts-at-rest"] if starts_at_rest else [])]
+    useless = [each for each in flags if each not in usable]
     if useless:
         raise UsageError(
             f"{path} is a result, which has no columns to be read: leave {' and '.join(useless)} out, or give the file with "

@@ -161,8 +161,8 @@ def _carry_out(
         try:
             recording = _drive(experiment, device, folder.recording, watch, look, progress)
         except DeviceSilent as error:
-            kept = f"the recording up to then is kept: servobench recover {folder.path}"
-            raise DeviceSilent(f"{error}; {kept}", error.recording) from None
+            hint = f"the recording up to then is kept: servobench recover {folder.path}"
+            raise DeviceSilent(f"{error}; {hint}", error.recording) from None
         except DeviceLost as error:
             recording = error.recording
     progress.begin("saving the recording")

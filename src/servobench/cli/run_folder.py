@@ -154,13 +154,13 @@ class RunFolder:
 
     def _is_free(self) -> bool:
         """Whether the folder holds only what runs write: an experiment, left by a run that never began."""
-        found = list(self.path.iterdir())
-        if not found:
+        entries = list(self.path.iterdir())
+        if not entries:
             return True
         try:
             experiment = self.experiment.read_text(encoding="utf-8", errors="replace")
             if not experiment:
-                return found == [self.experiment]
+                return entries == [self.experiment]
             if not experiment.startswith(_OURS):
                 return False
             with self.recording.open("rb") as file:

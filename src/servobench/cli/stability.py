@@ -166,9 +166,9 @@ def _result_and_records(
     _gain(kp, _gain_unit(records[0]))  # a mistake in it is reported before any work is done
     lines = []
     for data in records:
-        found = bibo(data)
-        _say(out, f"The record {data.name}", found.sentences)
-        lines.append(of_a_record(data, found))
+        report = bibo(data)
+        _say(out, f"The record {data.name}", report.sentences)
+        lines.append(of_a_record(data, report))
     with Progress() as progress, announce_compiling(progress):
         return conclude(evidence, progress, starts_at_rest=starts_at_rest), lines
 
@@ -260,11 +260,11 @@ def _of_a_system(out: Console, system: TransferFunction) -> dict[str, Any]:
     from servobench.cli.stability_document import of_a_system
     from servobench.systems.stability.verdict import stability as judged
 
-    found = judged(system)
-    bounded = "BIBO stable" if found.bibo else "not BIBO stable"
-    drive = (found.drive.sentence,) if found.drive else ()
-    _say(out, f"To the {system.output}: {found.verdict}, {bounded}", (*found.reasons, *drive))
-    return of_a_system(system, found)
+    report = judged(system)
+    bounded = "BIBO stable" if report.bibo else "not BIBO stable"
+    drive = (report.drive.sentence,) if report.drive else ()
+    _say(out, f"To the {system.output}: {report.verdict}, {bounded}", (*report.reasons, *drive))
+    return of_a_system(system, report)
 
 
 def _margin_sentences(loop: ProportionalLoop) -> tuple[str, ...]:

@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 SCHEMA = "servobench.stability/1"
 
 
-def of_a_system(system: TransferFunction, found: StabilityReport) -> dict[str, Any]:
+def of_a_system(system: TransferFunction, report: StabilityReport) -> dict[str, Any]:
     """Return the verdict on a system, its poles [1/s], the reasons, and an input that drives it off."""
     return {
         "output": system.output,
-        "verdict": found.verdict,
-        "bibo": found.bibo,
+        "verdict": report.verdict,
+        "bibo": report.bibo,
         "poles": [
             {"real": pole.real, "imaginary": pole.imag, "multiplicity": times}
-            for pole, times in zip(found.poles, found.multiplicities, strict=True)
+            for pole, times in zip(report.poles, report.multiplicities, strict=True)
         ],
-        "reasons": list(found.reasons),
-        "drive": None if found.drive is None else _drive(system, found.drive),
+        "reasons": list(report.reasons),
+        "drive": None if report.drive is None else _drive(system, report.drive),
     }
 
 
@@ -62,13 +62,13 @@ def of_a_loop(gain: float, unit: str, loop: ProportionalLoop, sentences: Sequenc
     }
 
 
-def _margins(found: Margins, delay: float | None) -> dict[str, Any]:
+def _margins(loop_margins: Margins, delay: float | None) -> dict[str, Any]:
     margins = {
-        "gain_margin": (found.gain_margin, "1"),
-        "phase_margin": (found.phase_margin, "rad"),
+        "gain_margin": (loop_margins.gain_margin, "1"),
+        "phase_margin": (loop_margins.phase_margin, "rad"),
         "delay_margin": (delay, "s"),
-        "gain_crossover": (found.gain_crossover, "rad/s"),
-        "phase_crossover": (found.phase_crossover, "rad/s"),
+        "gain_crossover": (loop_margins.gain_crossover, "rad/s"),
+        "phase_crossover": (loop_margins.phase_crossover, "rad/s"),
     }
     return {name: {"value": value, "unit": unit} for name, (value, unit) in margins.items()}
 
@@ -101,16 +101,16 @@ def _slope(slope: Slope, unit: str) -> dict[str, Any]:
     return {"value": slope.value, "interval": interval, "level": 0.95, "unit": unit}
 
 
-def over_intervals(what: str, found: OverIntervals) -> dict[str, Any]:
+def over_intervals(what: str, verdict: OverIntervals) -> dict[str, Any]:
     """Return whether a verdict holds for all parameters that the data leave open."""
     return {
         "of": what,
-        "verdict": found.verdict,
-        "everywhere": found.everywhere,
-        "share": found.share if math.isfinite(found.share) else None,
-        "draws": found.draws,
-        "corners": found.corners,
-        "corners_alike": found.corners_alike,
-        "undetermined": list(found.undetermined),
-        "sentence": found.sentence,
+        "verdict": verdict.verdict,
+        "everywhere": verdict.everywhere,
+        "share": verdict.share if math.isfinite(verdict.share) else None,
+        "draws": verdict.draws,
+        "corners": verdict.corners,
+        "corners_alike": verdict.corners_alike,
+        "undetermined": list(verdict.undetermined),
+        "sentence": verdict.sentence,
     }

@@ -96,10 +96,10 @@ class _Cache(FunctionCache):
             # code that is there needs only what it calls: memory for arrays.
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():
-                kept = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-            if kept is None:
+                overload = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if overload is None:
                 _announce()
-            return kept
+            return overload
         except Exception as error:  # pickle: what stands in a damaged file may raise anything
             _warn(f"compiled code in {self.cache_path} can't be read ({_reason(error)})")
             with suppress(OSError):

@@ -16,25 +16,25 @@ def source_stamp(module: str) -> str:
     Empty where the module isn't a file's, as in a notebook. Numba looks at the file of the kernel alone, and would go on with
     what it has where a kernel that this one calls was changed.
     """
-    found: dict[str, bytes] = {}
+    sources: dict[str, bytes] = {}
     if not getattr(sys.modules.get(module), "__file__", None):
         return ""
-    _gather(sys.modules[module], {module.partition(".")[0], __name__.partition(".")[0]}, found)
+    _gather(sys.modules[module], {module.partition(".")[0], __name__.partition(".")[0]}, sources)
     digest = hashlib.sha256()
-    for name in sorted(found):
-        digest.update(name.encode() + b"\0" + found[name] + b"\0")
+    for name in sorted(sources):
+        digest.update(name.encode() + b"\0" + sources[name] + b"\0")
     return digest.hexdigest()
 
 
-def _gather(module: ModuleType, packages: set[str], found: dict[str, bytes]) -> None:
+def _gather(module: ModuleType, packages: set[str], sources: dict[str, bytes]) -> None:
     """Add the source of a module and its numbers, then those of the modules that its names come from."""
     numbers = sorted((name, value) for name, value in vars(module).items() if isinstance(value, int | float))
-    found[module.__name__] = _source(module) + repr(numbers).encode()
+    sources[module.__name__] = _source(module) + repr(numbers).encode()
     for value in list(vars(module).values()):
         origin = value if isinstance(value, ModuleType) else sys.modules.get(_home(value))
-        if origin is None or origin.__name__.partition(".")[0] not in packages or origin.__name__ in found:
+        if origin is None or origin.__name__.partition(".")[0] not in packages or origin.__name__ in sources:
             continue
-        _gather(origin, packages, found)
+        _gather(origin, packages, sources)
 
 
 def _home(value: object) -> str:

@@ -38,12 +38,12 @@ def new_axes(axes: Axes | Sequence[Axes] | None, count: int, dark: bool) -> tupl
         if dark:
             figure.patch.set_facecolor(DARK_GROUND)
         return tuple(made[:, 0])
-    given = tuple(np.ravel(np.array([axes], dtype=object)))
-    if len(given) != count or not all(isinstance(each, MatplotlibAxes) for each in given):
+    all_axes = tuple(np.ravel(np.array([axes], dtype=object)))
+    if len(all_axes) != count or not all(isinstance(each, MatplotlibAxes) for each in all_axes):
         raise UsageError(
             f"axes is {axes!r}; expected {count} of Matplotlib's axes, or none to have them made"
         )
-    return given
+    return all_axes
 
 
 def new_figure(count: int) -> tuple[Figure, tuple[Axes, ...]]:

@@ -44,11 +44,11 @@ class Registry(Generic[T]):
         Raises `UsageError` where two members claim one name.
         """
 
-        def add(found: T) -> T:
-            if name in self._members and self._members[name] is not found:
+        def add(member: T) -> T:
+            if name in self._members and self._members[name] is not member:
                 raise UsageError(f"two members of {self.group} are called {name!r}: rename one of them")
-            self._members[name] = found
-            return found
+            self._members[name] = member
+            return member
 
         return add
 
@@ -103,10 +103,10 @@ class Registry(Generic[T]):
 
     def sentence(self, name: str) -> str:
         """Return what a member is, in a sentence: the first line of its file, or its own where a file has several members."""
-        found = self[name]
-        home = _home(found)
+        member = self[name]
+        home = _home(member)
         alone = [_home(each) for each in self].count(home) == 1
-        own = found if isinstance(found, type | FunctionType) else type(found)
+        own = member if isinstance(member, type | FunctionType) else type(member)
         docstring = (sys.modules[home].__doc__ if alone else None) or own.__doc__ or ""
         return (docstring.strip().splitlines() or [""])[0]
 
@@ -121,16 +121,16 @@ class Registry(Generic[T]):
         """The names that a notebook completes between the brackets."""
         return list(self.names())
 
-    def name_of(self, found: object) -> str:
+    def name_of(self, candidate: object) -> str:
         """Return the name that a member, or a value whose class is a member, is known by.
 
         Raises `UsageError` where it is no member of this kind.
         """
         self._load()
         for name, member in {**self._members, **self._made}.items():
-            if found is member or type(found) is member:
+            if candidate is member or type(candidate) is member:
                 return name
-        raise UsageError(f"{found!r} isn't a known {self.kind}; known: {', '.join(self.names())}")
+        raise UsageError(f"{candidate!r} isn't a known {self.kind}; known: {', '.join(self.names())}")
 
     def _has_at_home(self, name: str) -> bool:
         """Whether a member is known, or becomes known by importing the file that is named like it: the others aren't needed."""
@@ -158,18 +158,18 @@ class Registry(Generic[T]):
                 importlib.import_module(f"{self.package}.{module.name}")
         for plug_in in _plug_ins().select(group=self.group):
             try:
-                found = plug_in.load()
+                member = plug_in.load()
             except Exception as error:
                 origin = f" of the package {plug_in.dist.name}" if plug_in.dist else ""
                 raise UsageError(
                     f"the {self.kind} {plug_in.name!r}{origin} can't be loaded: {error!r}; update or uninstall that package"
                 ) from error
-            self.member(plug_in.name)(found)
+            self.member(plug_in.name)(member)
 
 
-def _home(found: object) -> str:
+def _home(member: object) -> str:
     """The module that a member, or its class, is defined in."""
-    own = found if isinstance(found, type | FunctionType) else type(found)
+    own = member if isinstance(member, type | FunctionType) else type(member)
     return own.__module__
 
 
@@ -181,5 +181,5 @@ def _plug_ins() -> Any:  # of another type in Python 3.11 than later, with the s
 
 def _prefix(form: str) -> str:
     """The common beginning of all names of a form: its letters up to the first choice or capital."""
-    found = re.match("[a-z_]*", form)
-    return found[0] if found else ""
+    match = re.match("[a-z_]*", form)
+    return match[0] if match else ""

@@ -55,8 +55,8 @@ class In:
     ) -> dict[str, Any]:
         return {"anyOf": [{"type": "number"}, {"type": "string"}], "unit": self.si}
 
-    def _read(self, given: object, info: core_schema.ValidationInfo) -> float:
-        return quantity(given, (info.context or {}).get(self.si, self.si))
+    def _read(self, value: object, info: core_schema.ValidationInfo) -> float:
+        return quantity(value, (info.context or {}).get(self.si, self.si))
 
     def _write(self, value: float, info: core_schema.SerializationInfo) -> float | str:
         context = info.context or {}
@@ -80,8 +80,8 @@ class InBy:
         units = dict(self.units)
         return units.get(str(value), self.units[0][1])
 
-    def _read(self, given: object, info: core_schema.ValidationInfo) -> float:
-        return quantity(given, self.unit((info.data or {}).get(self.setting)))
+    def _read(self, value: object, info: core_schema.ValidationInfo) -> float:
+        return quantity(value, self.unit((info.data or {}).get(self.setting)))
 
 
 @dataclass(frozen=True)
@@ -107,23 +107,23 @@ class MemberOf:
             "required": ["type"],
         }
 
-    def _read(self, given: object, info: core_schema.ValidationInfo) -> object:
-        if not isinstance(given, Mapping):
-            return self._check_member(given)
-        settings = {key: value for key, value in given.items() if key != "type"}
-        return TypeAdapter(self._member_named(given.get("type"))).validate_python(
+    def _read(self, candidate: object, info: core_schema.ValidationInfo) -> object:
+        if not isinstance(candidate, Mapping):
+            return self._check_member(candidate)
+        settings = {key: value for key, value in candidate.items() if key != "type"}
+        return TypeAdapter(self._member_named(candidate.get("type"))).validate_python(
             settings, context=info.context
         )
 
-    def _check_member(self, given: object) -> object:
+    def _check_member(self, candidate: object) -> object:
         try:
-            self.registry.name_of(given)
+            self.registry.name_of(candidate)
         except UsageError:
             known = ", ".join(self.registry.names())
             raise ValueError(
-                f"{given!r} isn't a {self.registry.kind}; expected a table with a type, one of {known}"
+                f"{candidate!r} isn't a {self.registry.kind}; expected a table with a type, one of {known}"
             ) from None
-        return given
+        return candidate
 
     def _member_named(self, name: object) -> Any:
         known = ", ".join(self.registry.names())
@@ -185,7 +185,7 @@ def unit_of(field: FieldInfo, settings: BaseModel | None = None) -> str:
 
 def none_for(word: str) -> BeforeValidator:
     """Read a word as None: a file has no other way to write that there is no value."""
-    return BeforeValidator(lambda given: None if isinstance(given, str) and given == word else given)
+    return BeforeValidator(lambda value: None if isinstance(value, str) and value == word else value)
 
 
 def problems_text(error: ValidationError) -> str:
@@ -218,10 +218,10 @@ def _texts_below(kind: type) -> Iterator[tuple[str, str]]:
     if not (issubclass(kind, BaseModel) and kind is not BaseModel):
         return
     try:
-        (found,) = ast.parse(dedent(inspect.getsource(kind))).body
+        (definition,) = ast.parse(dedent(inspect.getsource(kind))).body
     except (OSError, TypeError):
         return
-    for above, below in pairwise(getattr(found, "body", ())):
+    for above, below in pairwise(getattr(definition, "body", ())):
         named = isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name)
         if named and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
             yield above.target.id, inspect.cleandoc(str(below.value.value))
@@ -298,8 +298,8 @@ def _retold(problem: ErrorDetails, known: Mapping[str, object]) -> InitErrorDeta
     return _problem("not_known", sentence, problem["loc"], problem["input"])
 
 
-def _problem(code: str, sentence: str, where: tuple[int | str, ...], given: object) -> InitErrorDetails:
+def _problem(code: str, sentence: str, where: tuple[int | str, ...], value: object) -> InitErrorDetails:
     """One line of a validation error with a sentence of ours."""
     # The sentence goes in as a value, as it may hold braces itself.
     error = PydanticCustomError(code, "{sentence}", {"sentence": sentence})
-    return InitErrorDetails(type=error, loc=where, input=given)
+    return InitErrorDetails(type=error, loc=where, input=value)

@@ -200,7 +200,7 @@ def convert(value: float, from_unit: str, to_unit: str) -> float:
     return value * ratio
 
 
-def quantity(given: object, si: str) -> float:
+def quantity(value: object, si: str) -> float:
     """Return a quantity in the unit `si`; a text has its own unit (`"1.16 mH"`), a bare number is in `si` already.
 
     Raises `UnitError` where it isn't a number with a unit, a quantity of another kind, or too large.
@@ -209,23 +209,23 @@ def quantity(given: object, si: str) -> float:
     0.00116
     """
     expected = f'expected something in {si} (for example "1 {si}")'
-    if isinstance(given, int | float) and not isinstance(given, bool):
+    if isinstance(value, int | float) and not isinstance(value, bool):
         try:
-            return float(given)
+            return float(value)
         except OverflowError:
-            raise UnitError(f"a whole number of {len(str(given))} digits is too large; {expected}") from None
-    match = _QUANTITY.fullmatch(str(given))
+            raise UnitError(f"a whole number of {len(str(value))} digits is too large; {expected}") from None
+    match = _QUANTITY.fullmatch(str(value))
     if not match:
-        raise UnitError(f"{given!r} isn't a number with a unit; {expected}")
+        raise UnitError(f"{value!r} isn't a number with a unit; {expected}")
     symbol = _BEHIND_A_NUMBER.get(match["unit"], match["unit"])
     if re.match(r",\d", symbol):
-        raise UnitError(f"{given!r} has a comma; write a decimal point, {expected}")
+        raise UnitError(f"{value!r} has a comma; write a decimal point, {expected}")
     try:
         number = convert(float(match["number"]), symbol, si) if symbol else float(match["number"])
     except UnitError as error:
-        raise UnitError(f"{given!r}{_why_not(symbol, error)}; {expected}") from None
+        raise UnitError(f"{value!r}{_why_not(symbol, error)}; {expected}") from None
     if not math.isfinite(number):
-        raise UnitError(f"{given!r} is too large; {expected}")
+        raise UnitError(f"{value!r} is too large; {expected}")
     return number
 
 

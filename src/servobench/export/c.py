@@ -274,15 +274,15 @@ def _vectors(motor: FirstOrderMotor, controller: _Controller) -> _Vectors:
     before: int | None = None  # counts; None before the first and after a reset
     rows = []
     for wish in wishes:
-        given, seen = float(np.float32(speed)), np.float32(speed)
+        measurement, feedback = float(np.float32(speed)), np.float32(speed)
         if counted:
             counts = round(position / (float(controller.speed_per_count or 1) * controller.sample_time))
             filtered = np.float32(0) if before is None else controller.speed(filtered, counts - before)
-            given, seen, before = float(counts), filtered, counts
-        integral, volts = controller.step(integral, np.float32(wish), seen)
+            measurement, feedback, before = float(counts), filtered, counts
+        integral, volts = controller.step(integral, np.float32(wish), feedback)
         if not math.isfinite(wish):
             filtered, before = np.float32(0), None
-        rows.append((float(np.float32(wish)), given, float(volts)))
+        rows.append((float(np.float32(wish)), measurement, float(volts)))
         position += controller.sample_time * speed
         speed = carry * speed + (1 - carry) * motor.gain.value * float(volts)
     references, measured, out = np.array(rows).T

@@ -71,14 +71,14 @@ def _friction(answer: ResultSummary) -> tuple[Estimate | None, Estimate | None]:
         return estimates.get("coulomb_voltage"), estimates.get("offset_voltage")
     rows = [names.index(name) for name in pair]
     moments = answer.covariance[np.ix_(rows, rows)]
-    found = []
+    halves = []
     for sign in (1.0, -1.0):
         weights = np.array([0.5, 0.5 * sign])
         value = float(weights @ [estimates[name].value for name in pair])
         sd = float(np.sqrt(max(weights @ moments @ weights, 0.0)))
         ends = (value - TWO_SIDED * sd, value + TWO_SIDED * sd)
-        found.append(replace(estimates[pair[0]], value=value, sd=sd, interval=ends))
-    return found[0], found[1]
+        halves.append(replace(estimates[pair[0]], value=value, sd=sd, interval=ends))
+    return halves[0], halves[1]
 
 
 def _factor(answer: ResultSummary, target_unit: str, wheel_diameter: float | None) -> float:

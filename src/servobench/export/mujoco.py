@@ -62,10 +62,10 @@ class Mujoco:
         if position not in kinds:
             raise UsageError(f"mujoco takes positions in rad or m, and this result has them in {position}")
         motor = first_order_motor(answer, "mujoco")
-        found = (answer.document.get("motor_parameters") or {}).get("inertia")
-        if wishes.inertia is None and found is not None:
+        inertia = (answer.document.get("motor_parameters") or {}).get("inertia")
+        if wishes.inertia is None and inertia is not None:
             raise UsageError(
-                f"mujoco needs the inertia of all that moves; this result has one: give `inertia={found['value']:.4g}` "
+                f"mujoco needs the inertia of all that moves; this result has one: give `inertia={inertia['value']:.4g}` "
                 f"({kinds[position][1]})"
             )
         if wishes.inertia is None:

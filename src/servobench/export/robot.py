@@ -160,7 +160,7 @@ def _arm(answer: ResultSummary, unit: str) -> tuple[dict[str, Estimate], float |
     return {"kCos": Estimate(value=size, sd=sd, interval=ends, level=0.95, unit="V")}, angle
 
 
-def _notes(motor: FirstOrderMotor, level_angle: float | None, found: Mapping[str, Estimate]) -> list[str]:
+def _notes(motor: FirstOrderMotor, level_angle: float | None, constants: Mapping[str, Estimate]) -> list[str]:
     notes = []
     if motor.coulomb_voltage is None:
         notes.append("kS is left out: the model has no friction.")
@@ -173,7 +173,7 @@ def _notes(motor: FirstOrderMotor, level_angle: float | None, found: Mapping[str
             f"kCos is the voltage that holds the arm level. In these data it is level at {level_angle:.4g} {motor.unit}; "
             "subtract that from the angle that the feedforward gets."
         )
-    elif "kG" in found:
+    elif "kG" in constants:
         notes.append(
             "kG is the offset voltage, a constant load (an elevator's weight) if nothing else shifts the input."
         )
@@ -227,5 +227,5 @@ def next_tests_of(answer: ResultSummary, period: float) -> tuple[str, ...]:
         coulomb_voltage=max(motor.coulomb_voltage.value, 0.0) if motor.coulomb_voltage else 0.0,
         delay=motor.delay,
     )
-    found = best_next_tests(assumed, tuple(answer.estimates), answer.covariance, largest, period)
-    return tuple(each.sentence for each in found)
+    tests = best_next_tests(assumed, tuple(answer.estimates), answer.covariance, largest, period)
+    return tuple(each.sentence for each in tests)

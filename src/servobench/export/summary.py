@@ -86,8 +86,8 @@ class ResultSummary:
         Raises `FormatError` for what is no such result, `NotIdentifiable` for one that was refused.
         """
         if not isinstance(document, dict) or document.get("schema") not in SCHEMAS:
-            found = document.get("schema") if isinstance(document, dict) else type(document).__name__
-            raise FormatError(f"{name} isn't a result: expected the schema {SCHEMA!r}, found {found!r}")
+            schema = document.get("schema") if isinstance(document, dict) else type(document).__name__
+            raise FormatError(f"{name} isn't a result: expected the schema {SCHEMA!r}, found {schema!r}")
         if document.get("verdict") == "refused" or document.get("transfer_function") is None:
             raise NotIdentifiable(f"{name} is refused, so it contains no model. {_reasons(document)}")
         try:

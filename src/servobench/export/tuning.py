@@ -76,12 +76,12 @@ def tune_loops(
 
     if closed_loop is None:
         wished = max(_DEAD_TIMES * dead_time, _SHARE * motor.time_constant.value)
-        found = tune(wished)
+        tuning = tune(wished)
         for power in range(1, _MOST + 1):
-            if found.phase_margin[1] >= SAFE:
+            if tuning.phase_margin[1] >= SAFE:
                 break
-            found = tune(_SLOWER**power * wished)
-        return found
+            tuning = tune(_SLOWER**power * wished)
+        return tuning
     if closed_loop < dead_time:
         raise UsageError(
             f"`closed_loop={closed_loop:g}`: a loop can't be faster than the {dead_time:.3g} s of dead time (the motor's "
@@ -145,8 +145,8 @@ def _margins(
     law: SampledLaw, gain: float, tau: float, delay: float, sample_time: float
 ) -> tuple[float, float]:
     position = TransferFunction(numerator=(gain,), denominator=(tau, 1.0, 0.0), delay=delay)
-    found = sampled_margins(sampled_loop(law, position, sample_time, "speed"))
-    return found.phase_margin, found.delay_margin
+    margins = sampled_margins(sampled_loop(law, position, sample_time, "speed"))
+    return margins.phase_margin, margins.delay_margin
 
 
 def _with_interval(values: Array) -> tuple[float, float, float]:

@@ -73,11 +73,11 @@ def identify_ensemble(ensemble: Ensemble, workers: int | None = None) -> Iterato
         for number in range(len(ensemble))
     )
     with Processes(work, min(workers or processors(), len(ensemble))) as pool:
-        for (number, _), found in pool.results(items):
-            if isinstance(found, Died):
-                yield IdentifiedMotor(number=number, verdict="", reason=found.reason, values={})
+        for (number, _), outcome in pool.results(items):
+            if isinstance(outcome, Died):
+                yield IdentifiedMotor(number=number, verdict="", reason=outcome.reason, values={})
             else:
-                yield found
+                yield outcome
 
 
 def _identify(
@@ -110,13 +110,13 @@ def truths_of(ensemble: Ensemble) -> dict[str, np.ndarray]:
     }
 
 
-def coverages(ensemble: Ensemble, found: Sequence[IdentifiedMotor]) -> tuple[Coverage, ...]:
+def coverages(ensemble: Ensemble, motors: Sequence[IdentifiedMotor]) -> tuple[Coverage, ...]:
     """Return how the intervals of each parameter do, for those that any motor has."""
     coverage_rows = []
     for name, truth in truths_of(ensemble).items():
         rows = [
             (each.values[name], float(truth[each.number]))
-            for each in found
+            for each in motors
             if each.verdict in ("trusted", "doubtful") and name in each.values
         ]
         if not rows:

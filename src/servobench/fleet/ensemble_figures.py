@@ -44,27 +44,27 @@ def bands_over_time(ensemble: Ensemble) -> tuple[Illustration, ...]:
 
 def spreads(ensemble: Ensemble) -> dict[str, Illustration]:
     """Return how each outcome is spread over the motors; those that no two motors have are left out."""
-    found = {}
+    illustrations = {}
     for name, values in ensemble.outcomes.items():
         known = values[np.isfinite(values)]
         if len(known) < 2:
             continue
         words, unit = parameter_in_words(name), UNITS[name]
         factor, axis = SHOWN_IN.get(name, (1.0, unit))
-        drawn = factor * known
-        shown = axis_range(drawn, ())
-        low, high = (with_unit(float(end), axis) for end in (drawn.min(), drawn.max()))
+        axis_values = factor * known
+        shown = axis_range(axis_values, ())
+        low, high = (with_unit(float(end), axis) for end in (axis_values.min(), axis_values.max()))
         nominal = ensemble.nominal[name]
         lines = (factor * nominal,) if np.isfinite(nominal) else ()
-        found[name] = Illustration(
+        illustrations[name] = Illustration(
             name=f"spread-{name.replace('_', '-')}",
             title=f"Spread of the {words}",
             caption=f"{count_text(len(known), 'motor')}, {low} to {high}."
             + (" The dashed line is the motor without tolerances." if lines else ""),
             description=f"The {words} lies between {low} and {high}.",
-            draw=partial(histogram, np.clip(drawn, *shown), shown, lines, axis, label="nominal"),
+            draw=partial(histogram, np.clip(axis_values, *shown), shown, lines, axis, label="nominal"),
         )
-    return found
+    return illustrations
 
 
 def tornado(ensemble: Ensemble, outcome: str) -> Illustration | None:

@@ -28,21 +28,21 @@ _LITTLE = 1e-3  # of the value; a tolerance that moves it by less isn't worth a 
 _ROUGH = 0.2  # by which the lines of the tolerances may miss the variance before that is told
 
 
-def write_page_of(ensemble: Ensemble, found: Sequence[IdentifiedMotor], folder: Path, command: str) -> Path:
+def write_page_of(ensemble: Ensemble, motors: Sequence[IdentifiedMotor], folder: Path, command: str) -> Path:
     """Write `report.html` of an ensemble into a folder and return its path; raises `StorageError` where it can't be written."""
     from servobench.report.document import write_page
 
     page = folder / "report.html"
-    write_page(html_of(ensemble, found, command), page)
+    write_page(html_of(ensemble, motors, command), page)
     return page
 
 
-def html_of(ensemble: Ensemble, found: Sequence[IdentifiedMotor], command: str) -> str:
-    """Return the page as a text; `found` are the motors that were identified."""
+def html_of(ensemble: Ensemble, motors: Sequence[IdentifiedMotor], command: str) -> str:
+    """Return the page as a text; `motors` are the motors that were identified."""
     from servobench.report.html import single, source, template
 
     spread = spreads(ensemble)
-    drawn = [
+    sections = [
         (
             parameter_in_words(name),
             name.replace("_", "-"),
@@ -62,10 +62,10 @@ def html_of(ensemble: Ensemble, found: Sequence[IdentifiedMotor], command: str) 
         sentences=sentences(ensemble),
         outcomes=[outcome_row(ensemble, name) for name in ensemble.outcomes],
         bands=[single(each) for each in bands_over_time(ensemble)],
-        drawn=drawn,
-        coverages=[coverage_text(each) for each in coverages(ensemble, found)],
-        verdicts=Counter(each.verdict or "unusable" for each in found).most_common(),
-        identified=count_text(len(found), "motor"),
+        drawn=sections,
+        coverages=[coverage_text(each) for each in coverages(ensemble, motors)],
+        verdicts=Counter(each.verdict or "unusable" for each in motors).most_common(),
+        identified=count_text(len(motors), "motor"),
         seed=ensemble.seed,
         command=command,
     )
@@ -165,7 +165,7 @@ def coverage_text(each: Coverage) -> str:
     )
 
 
-def write_table(ensemble: Ensemble, found: Sequence[IdentifiedMotor], folder: Path) -> Path:
+def write_table(ensemble: Ensemble, motors: Sequence[IdentifiedMotor], folder: Path) -> Path:
     """Write `motors.csv`, a row for each motor in SI units, and return its path; raises `StorageError` where it can't be."""
     columns: dict[str, Array] = {
         "motor": np.arange(len(ensemble), dtype=np.float64),
@@ -174,15 +174,15 @@ def write_table(ensemble: Ensemble, found: Sequence[IdentifiedMotor], folder: Pa
         "final_speed": ensemble.final[1],
         "final_position": ensemble.final[2],
     }
-    identified = {each.number: each for each in found}
-    names = [name for name in JUDGED_UNITS if any(name in each.values for each in found)]
+    identified = {each.number: each for each in motors}
+    names = [name for name in JUDGED_UNITS if any(name in each.values for each in motors)]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     more = [f"identified_{name}{end}" for name in names for end in ("", "_sd", "_low", "_high")]
-    writer.writerow([*columns, *(["verdict", "reason", *more] if found else [])])
+    writer.writerow([*columns, *(["verdict", "reason", *more] if motors else [])])
     for number, row in enumerate(zip(*(values.tolist() for values in columns.values()), strict=True)):
         cells: list[object] = [number, *("" if not math.isfinite(x) else x for x in row[1:])]
-        if found:
+        if motors:
             one = identified.get(number)
             cells += [one.verdict, one.reason] if one else ["", ""]
             for name in names:

@@ -70,18 +70,18 @@ def identify_fleet(
     names = NamePattern(pattern) if pattern is not None else None
     folder = Path(out)
     source = source_at(place, without=folder)
-    found = list_items(source, names)
+    listing = list_items(source, names)
     with results_of(source, folder, pattern, settings) as results:
         stamps = results.stamps()
         again = results.unfit() if retry else set()
-        due = [each for each in found.items if stamps.get(each.text) != each.stamp or each.text in again]
+        due = [each for each in listing.items if stamps.get(each.text) != each.stamp or each.text in again]
         results.remove({each.text for each in due} & set(stamps))
-        progress(Progress(done=0, due=len(due), before=len(found.items) - len(due)))
+        progress(Progress(done=0, due=len(due), before=len(listing.items) - len(due)))
         work = partial(identify, source, settings, names)
         for done, row in enumerate(rows_of(due, work, names, workers, scheduler), 1):
             results.add(row)
-            progress(Progress(done=done, due=len(due), before=len(found.items) - len(due)))
-    return Summary(identified=len(due), before=len(found.items) - len(due), others=found.others)
+            progress(Progress(done=done, due=len(due), before=len(listing.items) - len(due)))
+    return Summary(identified=len(due), before=len(listing.items) - len(due), others=listing.others)
 
 
 def results_of(source: Source, folder: Path, pattern: str | None, settings: Settings) -> Results:
@@ -117,12 +117,12 @@ def rows_of(
             yield row_or_reason(item, pattern, row)
 
 
-def row_or_reason(item: Item, pattern: NamePattern | None, found: Row | Died) -> Row:
+def row_or_reason(item: Item, pattern: NamePattern | None, outcome: Row | Died) -> Row:
     """Return a row, or that of a recording whose process died."""
     return (
-        row_of_failure(item, columns_in(pattern, item), CRASHED, found.reason)
-        if isinstance(found, Died)
-        else found
+        row_of_failure(item, columns_in(pattern, item), CRASHED, outcome.reason)
+        if isinstance(outcome, Died)
+        else outcome
     )
 
 

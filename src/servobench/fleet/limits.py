@@ -39,13 +39,13 @@ class Limit:
 
     def ends(self, unit: str) -> tuple[float, float]:
         """Return both limits in a unit, infinite where there is none; raises `UsageError` where they measure something else."""
-        found = []
-        for name, given, none in (("low", self.low, -math.inf), ("high", self.high, math.inf)):
+        ends = []
+        for name, limit, none in (("low", self.low, -math.inf), ("high", self.high, math.inf)):
             try:
-                found.append(none if given is None else quantity(given, unit))
+                ends.append(none if limit is None else quantity(limit, unit))
             except UnitError as error:
                 raise UsageError(f"the limit {name} of {self.parameter}: {error}") from None
-        low, high = found
+        low, high = ends
         if not low < high:
             raise UsageError(
                 f"the limits of {self.parameter}: low ({self.low}) isn't below high ({self.high})"

@@ -38,8 +38,8 @@ class NamePattern:
 
     def columns(self, path: str) -> dict[str, str] | None:
         """Return the value of each column for a path, None where the path doesn't match."""
-        found = self._expression.fullmatch(path)
-        return found.groupdict() if found else None
+        match = self._expression.fullmatch(path)
+        return match.groupdict() if match else None
 
     @cached_property
     def _expression(self) -> re.Pattern[str]:

@@ -27,25 +27,27 @@ def distances(x: Array, u: Array) -> Array:
     Technometrics 44 (2002) 307. Of fewer than ten motors for each parameter no covariance can be estimated: the distance is then
     that of the parameter which is furthest from its median.
     """
-    found = np.full(len(x), np.nan)
+    distance = np.full(len(x), np.nan)
     whole = np.isfinite(x).all(axis=1)
     if whole.sum() < _FEWEST:
-        return found
+        return distance
     x, u = x[whole], u[whole]
     scale = _scale(x)
     used = scale > 0
     if not used.any():
-        return found
+        return distance
     x, u = x[:, used] / scale[used], u[:, used] / scale[used]
     beyond = np.maximum(u**2 - np.median(u**2, axis=0), 0.0)
     if len(x) < _FOR_EACH * x.shape[1]:
-        found[whole] = (np.abs(x - np.median(x, axis=0)) / np.sqrt(1.0 + beyond)).max(axis=1)
-        return found
+        distance[whole] = (np.abs(x - np.median(x, axis=0)) / np.sqrt(1.0 + beyond)).max(axis=1)
+        return distance
     middle, covariance = _reweight(x, *_ogk(x))
     each = covariance + beyond[:, :, None] * np.eye(x.shape[1])
     offset = x - middle
-    found[whole] = np.sqrt(np.einsum("ni,ni->n", offset, np.linalg.solve(each, offset[:, :, None])[:, :, 0]))
-    return found
+    distance[whole] = np.sqrt(
+        np.einsum("ni,ni->n", offset, np.linalg.solve(each, offset[:, :, None])[:, :, 0])
+    )
+    return distance
 
 
 @cache
@@ -97,11 +99,11 @@ def _reweight(x: Array, middle: Array, covariance: Array) -> tuple[Array, Array]
 
 
 def _squares(offset: Array, covariance: Array) -> Array:
-    found: Array = np.einsum("ni,ni->n", offset, np.linalg.solve(covariance, offset.T).T)
-    return found
+    squares: Array = np.einsum("ni,ni->n", offset, np.linalg.solve(covariance, offset.T).T)
+    return squares
 
 
 def _scale(x: Array) -> Array:
     """The robust standard deviation of each column."""
-    found: Array = _MAD * np.median(np.abs(x - np.median(x, axis=0)), axis=0)
-    return found
+    scale: Array = _MAD * np.median(np.abs(x - np.median(x, axis=0)), axis=0)
+    return scale

@@ -60,7 +60,7 @@ def html_of(fleet: Fleet, place: str, worst: tuple[WorstMotor, ...], command: st
     from servobench.report.html import single, source, template
 
     order, along = order_of(fleet)
-    drawn = [
+    sections = [
         (
             parameter_in_words(each.name, each.unit),
             each.name.replace("_", "-"),
@@ -87,10 +87,12 @@ def html_of(fleet: Fleet, place: str, worst: tuple[WorstMotor, ...], command: st
         title=place,
         state=_state(fleet),
         reason=outcome_text(fleet),
-        counts=[(name, count) for found in (decisions, outcomes, verdicts) for name, count in found.items()],
+        counts=[
+            (name, count) for counter in (decisions, outcomes, verdicts) for name, count in counter.items()
+        ],
         rule=fleet.limits.rule if fleet.limits else None,
         parameters=[_parameter_row(fleet, each) for each in fleet.parameters],
-        drawn=drawn,
+        drawn=sections,
         outliers=_outlier_text(fleet),
         worst=worst,
         failed=[(reason, count, examples[reason]) for reason, count in failed.most_common(_MOST)],
@@ -112,7 +114,7 @@ def worst_motors(
     before = set(reports.glob("*.html"))
     source = source_at(place, without=folder)
     middle = _middle(fleet)
-    found = []
+    motors = []
     for number in _worst_first(fleet)[:WORST]:
         file = fleet.files[number]
         item = Item(file, fleet.stamps[number])
@@ -123,10 +125,10 @@ def worst_motors(
         except (ServobenchError, OSError) as error:  # it was readable once; the row stays
             cause = f"no report: {error}"
         link = f"reports/{page.name}" if page.exists() else ""
-        found.append(WorstMotor(file=file, why=_why(fleet, number), cause=cause, report=link))
-    for old in before - {folder / each.report for each in found}:
+        motors.append(WorstMotor(file=file, why=_why(fleet, number), cause=cause, report=link))
+    for old in before - {folder / each.report for each in motors}:
         old.unlink()
-    return tuple(found)
+    return tuple(motors)
 
 
 def _page_name(item: Item) -> str:
@@ -150,8 +152,8 @@ def outcome_text(fleet: Fleet) -> str:
     """Return in a line what came of all motors."""
     total = count_text(len(fleet.files), "motor")
     if fleet.limits is not None:
-        found = fleet.counts("decisions")
-        counts_text = ", ".join(f"{found.get(each, 0)} {each}" for each in ("pass", "fail", "undecided"))
+        decisions = fleet.counts("decisions")
+        counts_text = ", ".join(f"{decisions.get(each, 0)} {each}" for each in ("pass", "fail", "undecided"))
         return f"{total}: {counts_text}, by the rule {fleet.limits.rule.name}"
     verdicts, outcomes = fleet.counts("verdicts"), fleet.counts("outcomes")
     parts = [f"{verdicts[each]} {each}" for each in ("trusted", "doubtful", "refused") if each in verdicts]
@@ -221,8 +223,8 @@ def _share(probability: float) -> str:
 def _state(fleet: Fleet) -> str:
     """The colour of the page's first line."""
     if fleet.limits is not None:
-        found = fleet.counts("decisions")
-        return "refused" if found.get("fail") else "doubtful" if found.get("undecided") else "trusted"
+        decisions = fleet.counts("decisions")
+        return "refused" if decisions.get("fail") else "doubtful" if decisions.get("undecided") else "trusted"
     return "trusted" if set(fleet.verdicts) == {"trusted"} else "doubtful"
 
 
@@ -230,9 +232,9 @@ def _outlier_text(fleet: Fleet) -> str:
     known = int(np.isfinite(fleet.distance).sum())
     if not known:
         return "Too few motors with the same parameters known to say which are unlike the others."
-    found = count_text(int(fleet.outlying.sum()), "motor")
+    motors = count_text(int(fleet.outlying.sum()), "motor")
     return (
-        f"{found} of {known} further than {plain(fleet.farthest, 3)} standard deviations from the middle of all, over all "
+        f"{motors} of {known} further than {plain(fleet.farthest, 3)} standard deviations from the middle of all, over all "
         "parameters together; of motors alike, one fleet in a hundred has one"
     )
 
@@ -268,14 +270,14 @@ def _why(fleet: Fleet, number: int) -> str:
 
 def _odd(fleet: Fleet, number: int) -> set[str]:
     """The parameters that by themselves are further from the median than that of any motor in 99 of 100 plain fleets."""
-    found = set()
+    names = set()
     for each in fleet.parameters:
         values = each.value[np.isfinite(each.value)]
         if np.isfinite(each.value[number]) and len(values) >= 8:
             reach = farthest_plain(len(values), 1) * float(np.hypot(_robust_sd(values), each.u[number]))
             if abs(each.value[number] - np.median(values)) > reach:
-                found.add(each.name)
-    return found
+                names.add(each.name)
+    return names
 
 
 def _middle(fleet: Fleet) -> Mapping[str, float]:

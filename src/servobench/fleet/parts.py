@@ -101,9 +101,9 @@ class Results:
         gone = set(names)
         for path in part_files(self.folder) if gone else ():
             if not gone.isdisjoint(read_columns(path, ("file",))[0]):
-                kept = [row for row in read_rows(path) if row["file"] not in gone]
-                if kept:
-                    _write(path, kept)
+                rows = [row for row in read_rows(path) if row["file"] not in gone]
+                if rows:
+                    _write(path, rows)
                 else:
                     path.unlink()
 
@@ -198,16 +198,16 @@ def settings_in(folder: Path) -> dict[str, Any]:
     """Return the settings of the results in a folder; raises `FormatError` where it holds none."""
     path = folder / "settings.json"
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        settings = json.loads(path.read_text(encoding="utf-8"))
     except OSError:
         raise FormatError(
             f"{folder}: holds no results of a fleet; expected the folder that `servobench fleet SOURCE --out` wrote"
         ) from None
     except ValueError as error:
         raise FormatError(f"{path} is damaged: {error}; give a new folder") from None
-    if not isinstance(found, dict) or found.get("schema") != SETTINGS_SCHEMA:
+    if not isinstance(settings, dict) or settings.get("schema") != SETTINGS_SCHEMA:
         raise FormatError(f"{path} isn't of the schema {SETTINGS_SCHEMA}; give a new folder")
-    return found
+    return settings
 
 
 def part_files(folder: Path) -> list[Path]:
@@ -275,11 +275,11 @@ def arrow_schema(names: Iterable[str], texts: Iterable[str]) -> Any:
 
 def columns_of(rows: Iterable[Row]) -> dict[str, bool]:
     """Return the names of all columns in some rows, in the order in which they come, and whether they hold texts."""
-    found: dict[str, bool] = {}
+    columns: dict[str, bool] = {}
     for row in rows:
         for name, value in row.items():
-            found[name] = found.get(name, False) or isinstance(value, str)
-    return found
+            columns[name] = columns.get(name, False) or isinstance(value, str)
+    return columns
 
 
 def _write(path: Path, rows: list[Row]) -> None:
@@ -318,14 +318,14 @@ def write_whole(path: Path, content: bytes) -> None:
 
 def _differences(before: Mapping[str, Any], now: Mapping[str, Any], inside: str = "") -> list[str]:
     """The differences between two settings, each as `name: before, now after`."""
-    found = []
+    differences = []
     for name in sorted({*before, *now}):
         old, new = before.get(name), now.get(name)
         if isinstance(old, dict) and isinstance(new, dict):
-            found += _differences(old, new, f"{inside}{name} ")
+            differences += _differences(old, new, f"{inside}{name} ")
         elif old != new:
-            found.append(f"{inside}{name} was {_short(old)} and is now {_short(new)}")
-    return found
+            differences.append(f"{inside}{name} was {_short(old)} and is now {_short(new)}")
+    return differences
 
 
 def _short(value: object) -> str:

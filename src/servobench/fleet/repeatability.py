@@ -202,11 +202,11 @@ def study_values(
     most = max((len(each) for each in cells.values()), default=0)
     for part in all_parts:
         for operator in all_operators:
-            found = len(cells.get((part, operator), ()))
-            if found != most:
+            count = len(cells.get((part, operator), ()))
+            if count != most:
                 who = f" by {operator}" if operator else ""
                 raise UsageError(
-                    f"part {part}{who} has {found} usable trials where others have {most}; every part has to be measured equally "
+                    f"part {part}{who} has {count} usable trials where others have {most}; every part has to be measured equally "
                     "often by every operator"
                 )
     return np.array(

@@ -127,11 +127,11 @@ class Store:
         """Return all files below the address; raises `UsageError` where it can't be listed."""
         system, root = self._open()
         try:
-            found = system.find(root, detail=True)
+            listing = system.find(root, detail=True)
         except Exception as error:  # each file system has errors of its own
             raise UsageError(f"{self.url} can't be listed: {_in_a_line(error)}") from error
-        for path in sorted(found):
-            facts = found[path]
+        for path in sorted(listing):
+            facts = listing[path]
             name = path.removeprefix(root).lstrip("/")
             if name and not any(part.startswith(".") for part in name.split("/")):
                 tags = [str(facts[tag]) for tag in _TAGS if facts.get(tag) is not None]

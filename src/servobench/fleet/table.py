@@ -78,8 +78,8 @@ class Fleet:
     @property
     def outlying(self) -> NDArray[np.bool_]:
         """Whether a motor is an outlier (N,)."""
-        found: NDArray[np.bool_] = np.nan_to_num(self.distance, nan=0.0) > self.farthest
-        return found
+        is_outlier: NDArray[np.bool_] = np.nan_to_num(self.distance, nan=0.0) > self.farthest
+        return is_outlier
 
     def counts(self, what: str) -> dict[str, int]:
         """Return how many motors there are of each of the `outcomes`, `verdicts` or `decisions`."""
@@ -123,9 +123,9 @@ def fleet_in(folder: Path, limits: Limits | None = None) -> Fleet:
     results = sum(outcome == IDENTIFIED for outcome in outcomes)
     parameters = tuple(
         _parameter(own, part, len(rows))
-        for name, found in known.items()
-        if len(found) >= _OFTEN * results or name in limited
-        for own, part in _by_level(name, found, levels.get(name, {})).items()
+        for name, estimates in known.items()
+        if len(estimates) >= _OFTEN * results or name in limited
+        for own, part in _by_level(name, estimates, levels.get(name, {})).items()
     )
     common = [each for each in parameters if np.isfinite(each.value).sum() >= _OFTEN * results]
     return Fleet(
@@ -167,14 +167,14 @@ def _parameters_in(row: Row) -> list[str]:
 
 
 def _by_level(
-    name: str, found: Mapping[int, _Stated], levels: Mapping[int, tuple[str, float]]
+    name: str, estimates: Mapping[int, _Stated], levels: Mapping[int, tuple[str, float]]
 ) -> dict[str, dict[int, _Stated]]:
     """Values of a parameter by level of the input, if it holds at a level and the motors have several.
 
     Levels within 5 % of the lowest of them are one level, named after their median. Rows without a level stay together.
     """
     parts: list[list[int]] = []
-    for number in sorted(set(found) & set(levels), key=lambda each: levels[each]):
+    for number in sorted(set(estimates) & set(levels), key=lambda each: levels[each]):
         first = levels[parts[-1][0]] if parts else None
         unit, level = levels[number]
         if first is not None and first[0] == unit and abs(level - first[1]) <= _SAME_LEVEL * abs(first[1]):
@@ -182,22 +182,22 @@ def _by_level(
         else:
             parts.append([number])
     if len(parts) < 2:
-        return {name: dict(found)}
+        return {name: dict(estimates)}
     named: dict[str, dict[int, _Stated]] = {}
     for part in parts:
         unit = levels[part[0]][0]
         at = with_unit(float(np.median([levels[n][1] for n in part])), "" if unit == "1" else unit)
         own = f"{name.removesuffix('level')}{at}".replace(SPACE, "_").replace("−", "-")
-        named.setdefault(own, {}).update((number, found[number]) for number in part)
-    rest = {number: each for number, each in found.items() if number not in levels}
+        named.setdefault(own, {}).update((number, estimates[number]) for number in part)
+    rest = {number: each for number, each in estimates.items() if number not in levels}
     return {**named, name: rest} if rest else named
 
 
-def _parameter(name: str, found: Mapping[int, _Stated], count: int) -> Parameter:
+def _parameter(name: str, estimates: Mapping[int, _Stated], count: int) -> Parameter:
     """A parameter in the unit that most motors have it in; the others are left out."""
-    unit = Counter(each[3] for each in found.values()).most_common(1)[0][0]
+    unit = Counter(each[3] for each in estimates.values()).most_common(1)[0][0]
     numbers = np.full((count, 3), np.nan)
-    for place, (value, low, high, own) in found.items():
+    for place, (value, low, high, own) in estimates.items():
         if own == unit:
             numbers[place] = value, low, high
     return Parameter(name=name, unit=unit, value=numbers[:, 0], low=numbers[:, 1], high=numbers[:, 2])
@@ -255,8 +255,8 @@ def _rows_with_decisions(folder: Path, fleet: Fleet) -> Iterator[list[Row]]:
 
 def _columns(folder: Path, fleet: Fleet) -> list[str]:
     """The columns of all parts: what a file's name tells and what came of it first, then the parameters, then the rest."""
-    found = [name for path in part_files(folder) for name in _names_in(path)]
-    given = list(dict.fromkeys(found))
+    part_names = [name for path in part_files(folder) for name in _names_in(path)]
+    names = list(dict.fromkeys(part_names))
     first = [
         "file",
         *fleet.texts,
@@ -268,8 +268,8 @@ def _columns(folder: Path, fleet: Fleet) -> list[str]:
     added = [
         name for name in _ADDED if name not in first and (fleet.judgements or name in ("distance", "outlier"))
     ]
-    parameters = [name for name in given if _is_of_parameter(name, set(given))]
-    rest = [name for name in given if name not in {*first, *parameters}]
+    parameters = [name for name in names if _is_of_parameter(name, set(names))]
+    rest = [name for name in names if name not in {*first, *parameters}]
     return [*first, *added, *parameters, *rest]
 
 

@@ -29,9 +29,9 @@ class Arrivals:
 
     def look(self, now: float) -> list[Item]:
         """Return the files that are whole since the last look, at the time `now` [s] of any clock."""
-        found = [item for item in self.source.files() if self._is_meant(item)]
-        self._seen = {item.name: self._since(item, now) for item in found}
-        whole = [item for item in found if now - self._seen[item.name][1] >= SETTLED]
+        items = [item for item in self.source.files() if self._is_meant(item)]
+        self._seen = {item.name: self._since(item, now) for item in items}
+        whole = [item for item in items if now - self._seen[item.name][1] >= SETTLED]
         self.take(whole)
         return sorted(whole)
 

@@ -121,10 +121,13 @@ def _simulation(name: str, result: Result, record: Dataset) -> Simulated:
             f"{name} goes from {own.input_unit} to {own.position_unit}, {record.name} from {record.input_unit} to "
             f"{record.position_unit}: give data in the model's units"
         )
-    found = simulate_record(model.structure, model.theta, record)
-    measured, left = record.y[found.valid], found.residual[found.valid]
+    simulation = simulate_record(model.structure, model.theta, record)
+    measured, left = record.y[simulation.valid], simulation.residual[simulation.valid]
     spread = float(np.linalg.norm(measured - measured.mean()))
     fit = 100 * (1 - float(np.linalg.norm(left)) / spread) if spread else np.nan
     return Simulated(
-        model=name, record=record, y=np.where(found.valid, found.prediction, np.nan), fit_percent=fit
+        model=name,
+        record=record,
+        y=np.where(simulation.valid, simulation.prediction, np.nan),
+        fit_percent=fit,
     )

@@ -85,10 +85,10 @@ class LiveEstimate:
 
         `delay_sd` is the standard deviation that the delay has beside that of the estimate [s].
         """
-        found, white = self._recursive.estimate(), self._recursive.white
-        if "delay" in found:
-            value, sd = found["delay"]
-            found["delay"] = value, math.hypot(sd, delay_sd)
+        estimates, white = self._recursive.estimate(), self._recursive.white
+        if "delay" in estimates:
+            value, sd = estimates["delay"]
+            estimates["delay"] = value, math.hypot(sd, delay_sd)
         return {
             "kind": "live",
             "parameters": {
@@ -97,10 +97,10 @@ class LiveEstimate:
                     "interval": [value - TWO_SIDED * sd, value + TWO_SIDED * sd],
                     "unit": self._units[name],
                 }
-                for name, (value, sd) in found.items()
+                for name, (value, sd) in estimates.items()
             },
             "white": white,
-            "enough": white is not False and self._is_reached(found),
+            "enough": white is not False and self._is_reached(estimates),
             "samples": self._recursive.samples,
         }
 
@@ -117,36 +117,36 @@ class LiveEstimate:
         reference, covariance = known
         if not np.isfinite(covariance[0, 0]):
             return (MOTION,)
-        found = [
+        motions = [
             _motion_for(name, share, reference, covariance)
             for name, share in self.wish.items()
             if TWO_SIDED * _sd(covariance, _COLUMNS[name]) > share * abs(reference[_COLUMNS[name]])
         ]
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys(motions))
 
     @property
     def turned_one_way(self) -> bool:
         """Whether the motor has turned one way only, so that friction and offset are known together and not each."""
-        found = self._recursive.estimate()
-        return bool(found) and "offset_voltage" not in found
+        estimates = self._recursive.estimate()
+        return bool(estimates) and "offset_voltage" not in estimates
 
     def _knowledge(self) -> tuple[Array, Array] | None:
         """A reference (7,) and its covariance (7, 7), of the estimate or of what was too little for one; None before a look."""
         if self._recursive.uninformed is not None:
             return self._recursive.uninformed.reference, self._recursive.uninformed.covariance
-        found, covariance = self._recursive.estimate(), self._recursive.covariance
-        if not found or covariance is None:
+        estimates, covariance = self._recursive.estimate(), self._recursive.covariance
+        if not estimates or covariance is None:
             return None
         reference, whole = np.zeros(7), np.zeros((7, 7))
-        at = [_COLUMNS[name] for name in found]
-        reference[at] = [value for value, _ in found.values()]
+        at = [_COLUMNS[name] for name in estimates]
+        reference[at] = [value for value, _ in estimates.values()]
         whole[np.ix_(at, at)] = covariance
         return reference, whole
 
-    def _is_reached(self, found: Mapping[str, tuple[float, float]]) -> bool:
+    def _is_reached(self, estimates: Mapping[str, tuple[float, float]]) -> bool:
         """Whether there is a wish, and each interval wished for is narrow enough."""
         return bool(self.wish) and all(
-            name in found and TWO_SIDED * found[name][1] <= share * abs(found[name][0])
+            name in estimates and TWO_SIDED * estimates[name][1] <= share * abs(estimates[name][0])
             for name, share in self.wish.items()
         )
 

@@ -102,12 +102,12 @@ def plot_budget(
 ) -> Sequence[Axes]:
     """Draw what the interval of each known parameter is made of: half-widths in its unit; return the axes, (P,)."""
     parts = {name: parts_of(budget, answer) for name, answer in answers.items()}
-    parts = {name: found for name, found in parts.items() if found}
+    parts = {name: lines for name, lines in parts.items() if lines}
     panels = new_axes(axes, max(len(parts), 1), dark)
     palette = ground(dark)
-    for ax, (name, found) in zip(panels, parts.items(), strict=False):
-        sources = [line.source for _, line in found]
-        widths = [line.half_widths[name] for _, line in found]
+    for ax, (name, lines) in zip(panels, parts.items(), strict=False):
+        sources = [line.source for _, line in lines]
+        widths = [line.half_widths[name] for _, line in lines]
         ax.barh(sources[::-1], widths[::-1], color=palette.model, height=0.6)
         title = f"{parameter_in_words(name, answers[name].estimate.unit)} {answers[name].estimate}"
         lay_out(ax, palette, f"half-width ({answers[name].estimate.unit})", "", title)
@@ -123,5 +123,5 @@ def _autocorrelation(values: Array) -> tuple[Array, Array]:
     centred = values - values.mean() if len(values) else values
     power = float(centred @ centred) or 1.0
     lags = range(1, min(_LAGS, len(values) - 1) + 1)
-    found = [float(centred[lag:] @ centred[:-lag]) / power for lag in lags]
-    return np.array(lags, dtype=np.float64), np.array(found)
+    coefficients = [float(centred[lag:] @ centred[:-lag]) / power for lag in lags]
+    return np.array(lags, dtype=np.float64), np.array(coefficients)

@@ -148,12 +148,12 @@ def _input_dataset(
     )
 
 
-def _values(argument: str, given: object) -> Array:
+def _values(argument: str, value: object) -> Array:
     """An argument as a series of numbers (N,)."""
-    values, _ = to_numbers(argument, given)
+    values, _ = to_numbers(argument, value)
     if values is None or values.ndim != 1:
         raise UsageError(
-            f"{argument} is {text_of_value(given)}; expected an array of numbers, a value for each time"
+            f"{argument} is {text_of_value(value)}; expected an array of numbers, a value for each time"
         )
     return values
 

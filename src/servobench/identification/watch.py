@@ -132,8 +132,8 @@ class Watch:
             )
         self._finish(stopped)
         self._writer.close()
-        found = [Evidence(each, chain) for each, chain in zip(read(self._path), self._chains, strict=True)]
-        return _without_stubs(found)
+        evidence = [Evidence(each, chain) for each, chain in zip(read(self._path), self._chains, strict=True)]
+        return _without_stubs(evidence)
 
     def abandon(self) -> None:
         """Let go of the file; what is in it stays."""
@@ -160,8 +160,10 @@ class Watch:
             return []
         chains = [*self._chains, *([self._chain()] if self._evidence is not None else [])]
         part = self._path.with_name(f"{self._path.name}.part")
-        found = [Evidence(_as_it_grows(each), chain) for each, chain in zip(read(part), chains, strict=False)]
-        return _without_stubs(found)
+        evidence = [
+            Evidence(_as_it_grows(each), chain) for each, chain in zip(read(part), chains, strict=False)
+        ]
+        return _without_stubs(evidence)
 
     def judge(self, result: Result) -> None:
         """Take what identification says of the rows so far: its intervals hold what the live ones don't."""
@@ -191,8 +193,10 @@ class Watch:
                 f"needs more motion, and other motion: with what the model may be wrong by, {progress}{both}"
             )
         if self.enough:
-            found = self._live.message()["parameters"]
-            share = " and ".join(f"{parameter_in_words(name)} {_share(found[name])}" for name in self._wish)
+            parameters = self._live.message()["parameters"]
+            share = " and ".join(
+                f"{parameter_in_words(name)} {_share(parameters[name])}" for name in self._wish
+            )
             return f"by noise alone {share}; what the model may be wrong by comes on top{both}"
         if self._live.message()["white"] is False:
             return "the motor doesn't do what the model says: look for play, a load that changes, or a limit that it reaches"
@@ -229,25 +233,25 @@ class Watch:
 
     def _begin(self, part: Part) -> None:
         """Begin a recording: its columns are those of the first rows."""
-        found = part.recording
+        recording = part.recording
         number = len(self._chains) + 1
         opening = replace(
-            found,
+            recording,
             name="stream" if number == 1 else f"stream {number}",
             series=tuple(
-                Series(channel=each.channel, values=np.empty(0), t=np.empty(0)) for each in found.series
+                Series(channel=each.channel, values=np.empty(0), t=np.empty(0)) for each in recording.series
             ),
             source=Source(name=self._name, format="stream"),
             versions={"servobench": __version__},
         )
         if self._writer is None:
             self._writer = RecordingWriter(self._path)
-        t = found.series[0].t
-        names = tuple(each.channel.name for each in found.series)
+        t = recording.series[0].t
+        names = tuple(each.channel.name for each in recording.series)
         self._writer.begin(opening, [Together(channels=names)], earliest=0.0 if t is None else float(t[0]))
         self._evidence = replace(part.evidence, recording=opening)
         self._travel = _Travel.of(self._evidence)
-        self._slow = part.sample_time if may_be_milliseconds(found.findings, part.sample_time) else 0.0
+        self._slow = part.sample_time if may_be_milliseconds(recording.findings, part.sample_time) else 0.0
         if self._live is None:
             self._live = self._new_estimate(part)
         else:
@@ -307,12 +311,12 @@ def _as_it_grows(recording: Recording) -> Recording:
     )
 
 
-def _without_stubs(found: list[Evidence]) -> list[Evidence]:
+def _without_stubs(evidence: list[Evidence]) -> list[Evidence]:
     """The recordings that are long enough for a model, with a finding for those that aren't; all where none is."""
-    long = [each for each in found if len(each.recording.series[0].values) >= _FEWEST]
-    if not long or len(long) == len(found):
-        return found
-    stubs = [each.recording for each in found if each not in long]
+    long = [each for each in evidence if len(each.recording.series[0].values) >= _FEWEST]
+    if not long or len(long) == len(evidence):
+        return evidence
+    stubs = [each.recording for each in evidence if each not in long]
     listed = ", ".join(f"{each.name} of {count_text(len(each.series[0].values), 'row')}" for each in stubs)
     sentence = (
         f"Between restarts or pauses of the stream too little came for a model, and is left out: {listed}."
@@ -404,9 +408,9 @@ def _angle_unit(output: Series) -> str:
     return "counts" if counts and not output.channel.counts_per_rev else "rad"
 
 
-def _share(found: Table[str, Any]) -> str:
-    low, high = found["interval"]
-    return f"± {100 * 0.5 * (high - low) / abs(found['value']):.2g} %"
+def _share(parameter: Table[str, Any]) -> str:
+    low, high = parameter["interval"]
+    return f"± {100 * 0.5 * (high - low) / abs(parameter['value']):.2g} %"
 
 
 def stop_text(reason: str) -> Stopped:

@@ -75,9 +75,9 @@ def check_blank(blank: Blank, text: str, facts: Mapping[str, Fact]) -> CheckedAn
     Raises `NotIdentifiable` where the recording behind the facts can't tell the right answer, and `UsageError` for a rule that
     asks for something that isn't among the facts.
     """
-    given = _number(blank, text)
-    if isinstance(given, CheckedAnswer):
-        return given
+    answer = _number(blank, text)
+    if isinstance(answer, CheckedAnswer):
+        return answer
     known = Expression(blank.answer).evaluate(facts)
     allowed = Tolerance(blank.tolerance, blank.unit).around(known)
     if not math.isfinite(allowed):
@@ -85,11 +85,11 @@ def check_blank(blank: Blank, text: str, facts: Mapping[str, Fact]) -> CheckedAn
             f"the recording doesn't determine `{blank.answer}`: its interval has no end; use an experiment that "
             "determines it, or another tolerance"
         )
-    if abs(given - known.value) <= allowed:
+    if abs(answer - known.value) <= allowed:
         return CheckedAnswer(right=True, sentence=_praise(blank, known, allowed))
-    sentence = _explain_mistake(blank, given, facts)
+    sentence = _explain_mistake(blank, answer, facts)
     if not sentence:
-        sentence = " ".join(filter(None, [_difference(blank, given, known.value, allowed), blank.hint]))
+        sentence = " ".join(filter(None, [_difference(blank, answer, known.value, allowed), blank.hint]))
     return CheckedAnswer(right=False, sentence=sentence)
 
 
@@ -139,24 +139,24 @@ def _praise(blank: Blank, known: Fact, allowed: float) -> str:
     return f"Right.{within}"
 
 
-def _explain_mistake(blank: Blank, given: float, facts: Mapping[str, Fact]) -> str:
+def _explain_mistake(blank: Blank, answer: float, facts: Mapping[str, Fact]) -> str:
     """The exercise's explanation of this answer, where it has one."""
     for mistake in blank.mistakes:
         wrong = Expression(mistake.answer).evaluate(facts)
         allowed = Tolerance(blank.tolerance, blank.unit).around(wrong)
-        if math.isfinite(allowed) and abs(given - wrong.value) <= allowed:
+        if math.isfinite(allowed) and abs(answer - wrong.value) <= allowed:
             return mistake.sentence
     return ""
 
 
-def _difference(blank: Blank, given: float, known: float, allowed: float) -> str:
+def _difference(blank: Blank, answer: float, known: float, allowed: float) -> str:
     """The difference between a wrong answer and the right one: its sign, a factor, its order of magnitude, or its size."""
     if known == 0:
-        return f"It isn't {plain(given)}{SPACE}{blank.unit}".rstrip() + "."
-    ratio = given / known
+        return f"It isn't {plain(answer)}{SPACE}{blank.unit}".rstrip() + "."
+    ratio = answer / known
     if ratio == 0:
         return "It isn't zero."
-    if ratio < 0 and abs(abs(given) - abs(known)) <= allowed:
+    if ratio < 0 and abs(abs(answer) - abs(known)) <= allowed:
         return "The sign is wrong; the size is right."
     if blank.unit == "%" and abs(100 * ratio - 1) <= _NEAR:
         return "It looks like a fraction; in per cent it is a hundred times as much."

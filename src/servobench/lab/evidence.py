@@ -49,13 +49,13 @@ class Evidence(Mapping[str, Fact]):
         """Return a fact; raises `KeyError` where there is none of that name."""
         if name in self._stated:
             return self._stated[name]
-        found, result = (
+        facts, result = (
             (self._read, self._reading) if name.startswith(_READ) else (self._found, self._identified)
         )
         if result is not None and result.fit is None and name in _identifiable():
             why = "; ".join(f.sentence for f in result.findings if f.severity is Severity.REFUSAL)
             raise NotIdentifiable(f"the recording tells no {name}: {why}")
-        fact = found[name]
+        fact = facts[name]
         if name in _NEVER_ZERO and fact.half >= fact.value:
             raise NotIdentifiable(
                 f"the recording doesn't determine {name}: its 95 % interval is "
@@ -122,11 +122,11 @@ class Evidence(Mapping[str, Fact]):
         # What other motors teach of a recording with one event would let an answer pass that is a third off, and a torque that
         # may act unseen one that is a twentieth off.
         fit = self._identified.fit.without(MODEL_ERROR).without(UNSEEN_TORQUE)
-        found = {name: Fact(value=e.value, half=e.half_width) for name, e in fit.estimates.items()}
-        tau = found.get("time_constant")
+        facts = {name: Fact(value=e.value, half=e.half_width) for name, e in fit.estimates.items()}
+        tau = facts.get("time_constant")
         if tau is not None:
-            found[_LAG] = Fact(value=lag_of(self._chain, tau.value) if self._chain else 0.0)
-        return found
+            facts[_LAG] = Fact(value=lag_of(self._chain, tau.value) if self._chain else 0.0)
+        return facts
 
     @property
     def _chain(self) -> Chain:

@@ -78,8 +78,8 @@ def names(folder: Path = FOLDER) -> tuple[str, ...]:
 
 def exercises(folder: Path = FOLDER) -> tuple[Exercise, ...]:
     """Return the exercises in a folder, in their order; raises `UsageError`s as `load_exercise` does."""
-    found = [exercise(name, folder) for name in names(folder)]
-    return tuple(sorted(found, key=lambda exercise: (exercise.order, exercise.name)))
+    exercise_list = [exercise(name, folder) for name in names(folder)]
+    return tuple(sorted(exercise_list, key=lambda exercise: (exercise.order, exercise.name)))
 
 
 def exercise(name: str, folder: Path = FOLDER) -> Exercise:
@@ -133,7 +133,7 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
             f"{source}:{line_of(('experiment', 'duration'), lines) or 1}: the experiment must end within {_LONGEST:g} s, as "
             'answers are checked by running it; expected a duration such as "10 s"'
         )
-    found = Exercise(
+    exercise = Exercise(
         name=name,
         title=matter.title,
         sentence=matter.sentence,
@@ -151,9 +151,9 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
             line_of(("corrections", number), lines) or 1 for number in range(len(matter.corrections))
         ),
     )
-    check_blanks(found)
-    check_rules(found)
-    return found
+    check_blanks(exercise)
+    check_rules(exercise)
+    return exercise
 
 
 def _check_keys(tables: Mapping[str, Any], lines: Mapping[KeyPath, int], source: str) -> None:
@@ -209,7 +209,7 @@ def _check_studies(
                 f"{source}:{line_of(('studies', name), lines) or 1}: a study can't be called {name!r}, as fact names "
                 "start like that; expected another name"
             )
-    seen: dict[str, int] = {}
+    lines_by_study: dict[str, int] = {}
     for number, line in enumerate(body.splitlines(), start=first):
         for stands in STANDS.finditer(line):
             name, place = stands[1], f"{source}:{number}"
@@ -220,11 +220,11 @@ def _check_studies(
             if name not in studies:
                 known = f"{UnknownName('study', name, studies)}" if studies else "there are no studies"
                 raise FormatError(f"{place}: {known}; add a table [studies.{name or 'NAME'}]")
-            if name in seen:
+            if name in lines_by_study:
                 raise FormatError(
-                    f"{place}: the study {name!r} stands in line {seen[name]} already; leave one of them out"
+                    f"{place}: the study {name!r} stands in line {lines_by_study[name]} already; leave one of them out"
                 )
-            seen[name] = number
+            lines_by_study[name] = number
         if "{{" in STANDS.sub("", line):
             raise FormatError(
                 f"{source}:{number}: `{line.strip()[:40]}` starts with {{{{ and doesn't end; expected {{{{ NAME }}}} "

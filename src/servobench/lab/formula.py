@@ -70,8 +70,8 @@ def formula_html(source: str, *, display: bool = False) -> str:
 
 def formula_text(source: str) -> str:
     """Return a formula as a line of text: indices and exponents as small letters, where there are such, and words unquoted."""
-    text = _INDEX.sub(lambda found: _subscript(found[1] or found[2]), source)
-    text = _EXPONENT.sub(lambda found: _superscript(found[1] or found[2]), text)
+    text = _INDEX.sub(lambda match: _subscript(match[1] or match[2]), source)
+    text = _EXPONENT.sub(lambda match: _superscript(match[1] or match[2]), text)
     return " ".join(text.replace('"', "").replace("-", "−").split())
 
 
@@ -85,7 +85,7 @@ def line_html(text: str) -> Markup:
 
 def line_text(text: str) -> str:
     """Return a line of plain text with indices as small letters, where there are such: `ω_n` as ωₙ."""
-    return _INDEXED.sub(lambda found: found[1] + _subscript(found[2]), text)
+    return _INDEXED.sub(lambda match: match[1] + _subscript(match[2]), text)
 
 
 def _subscript(index: str) -> str:
@@ -119,16 +119,16 @@ class _Reader:
     def _fraction_tokens(self) -> Iterator[_Token]:
         at, apart = 0, False
         while at < len(self._source):
-            found = _TOKEN.match(self._source, at)
-            if found is None:
+            match = _TOKEN.match(self._source, at)
+            if match is None:
                 raise self._wrong(
                     f"{self._source[at]!r} has no meaning in a formula; words go between quotation marks"
                 )
-            at = found.end()
-            kind = found.lastgroup or ""
+            at = match.end()
+            kind = match.lastgroup or ""
             if kind != "blank":
                 yield _Token(
-                    kind=kind, text=found[0].replace("-", "−") if kind == "sign" else found[0], is_apart=apart
+                    kind=kind, text=match[0].replace("-", "−") if kind == "sign" else match[0], is_apart=apart
                 )
             apart = kind == "blank"
 

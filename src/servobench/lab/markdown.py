@@ -59,12 +59,12 @@ def check_formulas(text: str, first: int, source: str) -> None:
 
     The text begins in the line `first`.
     """
-    found: dict[str, list[str]] = {_ALONE: []}
-    for token in _reader().parse(text, found):
+    environment: dict[str, list[str]] = {_ALONE: []}
+    for token in _reader().parse(text, environment):
         for inner in token.children or ():
             if inner.type in (_FORMULA, _SHOWN):
                 _check(inner.content, text, first, source)
-    for begun in found[_ALONE][:1]:
+    for begun in environment[_ALONE][:1]:
         line = first + text.partition(begun)[0].count("\n")
         raise FormatError(
             f"{source}:{line}: the formula that begins with `{begun.partition(_LINE)[0]}` has no end; expected $...$ with no "

@@ -106,18 +106,18 @@ def at_levels(recording: Recording, dwell: float) -> tuple[Level, ...]:
     motion = motion_of(recording)
     since = motion.t - motion.t[0]
     step = float(motion.t[1] - motion.t[0])
-    found = []
+    levels = []
     for number in range(round((since[-1] + step) / dwell)):
         # A sample on the edge is latched before the next voltage acts, so it belongs to this level.
         late = (since > (number + 0.5) * dwell) & (since <= (number + 1) * dwell + 1e-6 * step)
         if np.count_nonzero(late) < _LEAST:
             continue
         part = motion.of(late)
-        found.append(
+        levels.append(
             Level(
                 voltage=float(part.voltage[0]),
                 current=float(np.nanmean(current[late])),
                 speed=part.mean_speed,
             )
         )
-    return tuple(found)
+    return tuple(levels)

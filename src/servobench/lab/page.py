@@ -249,7 +249,7 @@ def _study(name: str, shown: StudyResult, paper: tuple[PaperItem, ...]) -> Block
         paper=paper,
         tables=tuple((table.title, text_columns(table), table.note) for table in shown.tables),
         sentences=shown.sentences,
-        drawings=tuple(drawn for figure in shown.figures if (drawn := single(figure))),
+        drawings=tuple(drawing for figure in shown.figures if (drawing := single(figure))),
     )
 
 
@@ -264,19 +264,19 @@ def _neighbours(lab: Sequence[WorkedExercise], number: int) -> Neighbours:
 
 def _contents(lab: Sequence[WorkedExercise]) -> list[tuple[PaperItem, Exercise]]:
     """The paper's items with the exercises that repeat them, by the paper's parts and then in the exercises' order."""
-    found = [(item, worked.exercise) for worked in lab for item in worked.exercise.paper]
-    return sorted(found, key=lambda each: each[0].part)
+    entries = [(item, worked.exercise) for worked in lab for item in worked.exercise.paper]
+    return sorted(entries, key=lambda each: each[0].part)
 
 
 def _beside(lab: Sequence[WorkedExercise]) -> tuple[Beside, ...]:
     """Each number of the paper that a table of an exercise has, in the order of the exercises."""
     return tuple(
-        found
+        comparison
         for worked in lab
         for piece in worked.exercise.pieces
         if piece.study
         for table in worked.study_result(piece.study).tables
-        for found in _in_table(worked.exercise, table.title, text_columns(table))
+        for comparison in _in_table(worked.exercise, table.title, text_columns(table))
     )
 
 
@@ -284,7 +284,7 @@ def _in_table(exercise: Exercise, title: str, columns: Sequence[TextColumn]) -> 
     """The paper's numbers in a table; a row is called by its words or, without any, by its first number."""
     rows = range(len(columns[0].texts)) if columns else ()
     units = next((column.texts for column in columns if column.heading == "unit"), None)
-    found = []
+    comparisons = []
     for ours, paper, off in zip(columns, columns[1:], [*columns[2:], None], strict=False):
         if paper.heading != PAPER:
             continue
@@ -294,7 +294,7 @@ def _in_table(exercise: Exercise, title: str, columns: Sequence[TextColumn]) -> 
             unit = ours.unit or (units[row] if units else "")
             named = "" if columns[0] is ours else f"{columns[0].texts[row]} {columns[0].unit}".strip()
             heading = "" if units else ours.heading
-            found.append(
+            comparisons.append(
                 Beside(
                     exercise=exercise,
                     table=title,
@@ -304,4 +304,4 @@ def _in_table(exercise: Exercise, title: str, columns: Sequence[TextColumn]) -> 
                     off=off.texts[row] if off is not None and off.heading == OFF else "",
                 )
             )
-    return found
+    return comparisons

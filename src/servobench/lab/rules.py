@@ -72,14 +72,14 @@ def units_of_facts() -> Mapping[str, str]:
 
 def check_blanks(exercise: Exercise) -> None:
     """Raise `UsageError`, with file and line, for the first blank whose id another has already."""
-    seen: dict[str, int] = {}
+    lines_by_id: dict[str, int] = {}
     for blank, line in zip(exercise.blanks, exercise.lines, strict=True):
-        if blank.id in seen:
+        if blank.id in lines_by_id:
             raise UsageError(
-                f"{exercise.source}:{line}: two blanks have the id {blank.id!r}, the other in line {seen[blank.id]}; give each "
-                "its own"
+                f"{exercise.source}:{line}: two blanks have the id {blank.id!r}, the other in line {lines_by_id[blank.id]}; "
+                "give each its own"
             )
-        seen[blank.id] = line
+        lines_by_id[blank.id] = line
 
 
 def check_rules(exercise: Exercise) -> None:

@@ -143,10 +143,10 @@ def without_friction(
 
     change, h = change_of(experiment), experiment.sample_time
     ticks = max(math.ceil(((experiment.duration or 0.0) - change.start) / h), 2)
-    found = unit_step(controller, gain, tau, 0.0, h, ticks)
-    output = change.size * found.output
+    response = unit_step(controller, gain, tau, 0.0, h, ticks)
+    output = change.size * response.output
     if change.of == "speed":
         # At the ticks a ramp is the sum of steps, each a tick later than the one before and the first a tick after its start.
         travelled = np.concatenate([[0.0], np.cumsum(h * output[:-1])])
-        output = Chain.parse(chain)(travelled, found.t)
-    return Response(t=found.t, output=change.initial + output, voltage=change.size * found.voltage)
+        output = Chain.parse(chain)(travelled, response.t)
+    return Response(t=response.t, output=change.initial + output, voltage=change.size * response.voltage)

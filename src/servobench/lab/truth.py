@@ -51,8 +51,8 @@ def truth_of(recording: Recording) -> Truth:
             "this compares estimates with the motor's true parameters, which aren't known for the motor in "
             f"{recording.name}; do the exercise with the simulated one"
         )
-    given = {name: value for name, value in info.settings if name in TwinSettings.model_fields}
-    settings = TwinSettings.model_validate(given)
+    values = {name: value for name, value in info.settings if name in TwinSettings.model_fields}
+    settings = TwinSettings.model_validate(values)
     motor = Physics.of(settings.parameters, settings.amplifier_resistance)
     fast = [-1.0 / pole.real for pole in motor.eigenvalues[1:]]
     return Truth(

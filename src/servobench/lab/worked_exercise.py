@@ -58,11 +58,11 @@ class WorkedExercise:
         The names of its figures are its own, so that no two on a page are alike. Raises `UsageError` as the stand does.
         """
         try:
-            found = self.stand.study_result(name)
+            result = self.stand.study_result(name)
         except NotIdentifiable as error:
             return StudyResult(sentences=(f"Nothing can be shown here: {str(error).rstrip('.')}.",))
-        figures = tuple(replace(figure, name=f"{name}-{figure.name}") for figure in found.figures)
-        return replace(found, figures=figures)
+        figures = tuple(replace(figure, name=f"{name}-{figure.name}") for figure in result.figures)
+        return replace(result, figures=figures)
 
     @property
     def in_short(self) -> tuple[str, ...]:
@@ -108,7 +108,7 @@ class WorkedExercise:
 
         Raises `UsageError`, with file and line, for a mistake that can't be worked out.
         """
-        found = []
+        sentences = []
         for blank in self.exercise.blanks:
             for mistake in blank.mistakes:
                 try:
@@ -121,11 +121,11 @@ class WorkedExercise:
                     raise UsageError(f"{place}: blank {blank.id!r}, a mistake: {error}") from error
                 allowed = Tolerance(blank.tolerance, blank.unit).around(right)
                 if math.isfinite(allowed) and abs(wrong - right.value) <= allowed:
-                    found.append(
+                    sentences.append(
                         f"{blank.id}: the mistake `{mistake.answer}` is within the tolerance of the right answer, so "
                         "its sentence isn't shown"
                     )
-        return tuple(found)
+        return tuple(sentences)
 
     @cached_property
     def course(self) -> Illustration | None:

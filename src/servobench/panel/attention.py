@@ -40,9 +40,9 @@ class Attention:
         """The page has just asked for something that only the operator asks for: its code runs."""
         self._heard = time.monotonic()
 
-    def heartbeat(self, drawn: int) -> None:
-        """The page has drawn all rows before number `drawn`."""
-        self._heard, self._drawn = time.monotonic(), drawn
+    def heartbeat(self, row: int) -> None:
+        """The page has drawn all rows before number `row`."""
+        self._heard, self._drawn = time.monotonic(), row
 
     def end(self) -> None:
         """The page says that it is seen no more."""

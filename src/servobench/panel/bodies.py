@@ -80,10 +80,10 @@ async def json_object(request: Request) -> dict[str, Any]:
 async def form_field(request: Request, name: str) -> str:
     """Return a field of the form that came with a request; raises `Refused` (400) where it isn't in there once."""
     body = await _read_body(request, LARGEST_FORM)
-    found = parse_qs(body.decode("ascii", "replace"), keep_blank_values=True).get(name, [])
-    if len(found) != 1:
-        raise Refused(400, f"expected a form with the field {name!r} once; found it {len(found)} times")
-    return found[0]
+    values = parse_qs(body.decode("ascii", "replace"), keep_blank_values=True).get(name, [])
+    if len(values) != 1:
+        raise Refused(400, f"expected a form with the field {name!r} once; found it {len(values)} times")
+    return values[0]
 
 
 async def _read_body(request: Request, largest: int) -> bytes:
@@ -100,17 +100,17 @@ async def _read_body(request: Request, largest: int) -> bytes:
 def parse_object(text: str | bytes) -> dict[str, Any]:
     """Return the JSON object in a text, numbers finite; raises `Refused` (400) for anything else."""
     try:
-        found = json.loads(text, parse_constant=_no_number, parse_float=_finite)
+        content = json.loads(text, parse_constant=_no_number, parse_float=_finite)
         json.dumps(
-            found, ensure_ascii=False
+            content, ensure_ascii=False
         ).encode()  # half a surrogate pair is no text that a file can hold
     except RecursionError:
         raise Refused(400, "its lists or objects are nested too deeply") from None
     except ValueError as error:  # UnicodeDecodeError is one, too
         raise Refused(400, f"that isn't JSON: {error}") from None
-    if not isinstance(found, dict):
-        raise Refused(400, f"expected a JSON object, not {type(found).__name__}")
-    return found
+    if not isinstance(content, dict):
+        raise Refused(400, f"expected a JSON object, not {type(content).__name__}")
+    return content
 
 
 def _no_number(text: str) -> float:

@@ -143,10 +143,10 @@ def _plain(value: Any) -> Any:
 
 def _bound(metadata: Iterable[Any], closed: tuple[str, type], opened: tuple[str, type], of: Any) -> Any:
     """The narrowest of the bounds on one side; None where there is none."""
-    found = [
+    bounds = [
         getattr(mark, name) for mark in metadata for name, kind in (closed, opened) if isinstance(mark, kind)
     ]
-    return of(found) if found else None
+    return of(bounds) if bounds else None
 
 
 def _choices(annotation: Any) -> tuple[object, ...]:

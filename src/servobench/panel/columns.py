@@ -46,15 +46,15 @@ def questions(recording: Recording) -> dict[str, Any]:
     }
 
 
-def mapping_of(given: Given[str, Any]) -> Mapping:
+def mapping_of(answers: Given[str, Any]) -> Mapping:
     """Return the mapping that a person's answers are; raises `UsageError` for what is none, or what isn't answered."""
     known = [each.name for each in fields(Mapping) if each.name not in ("recordings", "each")]
-    for name, value in given.items():
+    for name, value in answers.items():
         if name not in known:
             raise UnknownName("answer about a file's columns", str(name)[:80], known)
         if not isinstance(value, str) or len(value) > _LONGEST:
             raise UsageError(f"the answer about {name} must be a text of at most {_LONGEST} letters")
-    entries: dict[str, Any] = {name: value.strip() for name, value in given.items() if value.strip()}
+    entries: dict[str, Any] = {name: value.strip() for name, value in answers.items() if value.strip()}
     for role, meaning in _NEEDED.items():
         if role not in entries:
             raise UsageError(f"the {role} is missing: choose the column that is {meaning}, and its unit")

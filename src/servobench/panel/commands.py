@@ -27,10 +27,10 @@ _EXPECTED = {
 """The expected value by the kind of a mistake, in the words for files of experiments."""
 
 
-def command_from(given: Mapping[str, Any]) -> Command:
+def command_from(message: Mapping[str, Any]) -> Command:
     """Return the command that a page's message describes; raises `UsageError` for what can't be."""
     try:
-        command = Command.model_validate({key: value for key, value in given.items() if value is not None})
+        command = Command.model_validate({key: value for key, value in message.items() if value is not None})
     except ValidationError as error:
         raise UsageError(settings_error_text(error)) from None
     if command.chain is not None:
@@ -84,10 +84,10 @@ def _one(wrong: ErrorDetails) -> str:
     if expected == message:
         return f"{place}: {message}" if place else message
     expected = _EXPECTED.get(wrong["type"], expected)
-    given = wrong["input"]
-    if given is None:
+    entry = wrong["input"]
+    if entry is None:
         return f"{place} isn't given; expected: {expected}"
-    value = f"{given:g}" if isinstance(given, float) else repr(given)[:60]
+    value = f"{entry:g}" if isinstance(entry, float) else repr(entry)[:60]
     return f"{place} is {value}; expected: {expected}"
 
 

@@ -46,9 +46,11 @@ async def show_exercise(request: Request) -> JSONResponse:
 
     The text is in pieces: HTML of ours, or the name of a study that stands there.
     """
-    found = await _find_exercise(request)
+    exercise = await _find_exercise(request)
     return (
-        found if isinstance(found, JSONResponse) else JSONResponse(await asyncio.to_thread(_page_data, found))
+        exercise
+        if isinstance(exercise, JSONResponse)
+        else JSONResponse(await asyncio.to_thread(_page_data, exercise))
     )
 
 
@@ -57,16 +59,16 @@ async def show_results(request: Request, work: Work) -> JSONResponse:
 
     They are carried out once, by `work`, as that takes seconds.
     """
-    found = await _find_exercise(request)
-    if isinstance(found, JSONResponse):
-        return found
-    if found not in _results:
-        order = {"do": "exercise", "name": found.name, "folder": str(_folder(request))}
+    exercise = await _find_exercise(request)
+    if isinstance(exercise, JSONResponse):
+        return exercise
+    if exercise not in _results:
+        order = {"do": "exercise", "name": exercise.name, "folder": str(_folder(request))}
         try:
-            _results[found] = await work(order)
+            _results[exercise] = await work(order)
         except ServobenchError as error:
             return _error(_error_text(error, _folder(request)), _WRONG)
-    return JSONResponse(_results[found])
+    return JSONResponse(_results[exercise])
 
 
 async def check_exercise(request: Request, work: Work) -> JSONResponse:
@@ -75,16 +77,16 @@ async def check_exercise(request: Request, work: Work) -> JSONResponse:
     Answers are compared with the exercise's experiment on the simulated motor. What has to be known for them is found once, by
     `work`, as that takes seconds.
     """
-    found = await _find_exercise(request)
-    if isinstance(found, JSONResponse):
-        return found
+    exercise = await _find_exercise(request)
+    if isinstance(exercise, JSONResponse):
+        return exercise
     body = await _body(request)
     if body is None:
         return _error(f"the answers have more than {_LARGEST_BODY} bytes; send less", _TOO_LARGE)
     try:
         answers = _answers(body)
-        facts = await _facts_for(found, answers, _folder(request), work)
-        checked = await asyncio.to_thread(_check_answers, found, answers, facts)
+        facts = await _facts_for(exercise, answers, _folder(request), work)
+        checked = await asyncio.to_thread(_check_answers, exercise, answers, facts)
     except ServobenchError as error:
         return _error(_error_text(error, _folder(request)), _WRONG)
     return JSONResponse({"answers": checked})
@@ -125,18 +127,18 @@ class _Facts(Mapping[str, Fact]):
         return len(self._known)
 
 
-async def _facts_for(found: Exercise, answers: Mapping[str, str], folder: Path, work: Work) -> _Facts:
+async def _facts_for(exercise: Exercise, answers: Mapping[str, str], folder: Path, work: Work) -> _Facts:
     """The facts that some answers are checked against; those not yet asked for are found elsewhere."""
-    facts = _facts.setdefault(found, _Facts())
+    facts = _facts.setdefault(exercise, _Facts())
     rules = [
         rule
-        for blank in map(found.blank, answers)
+        for blank in map(exercise.blank, answers)
         for rule in (blank.answer, *(mistake.answer for mistake in blank.mistakes))
     ]
     names = {name for rule in rules for name in Expression(rule).names}
     missing = facts.lacks(names)
     if missing is not None:
-        order = {"do": "facts", "name": found.name, "folder": str(folder), "names": missing}
+        order = {"do": "facts", "name": exercise.name, "folder": str(folder), "names": missing}
         facts.add(missing, await work(order))
     return facts
 
@@ -162,36 +164,37 @@ def _error_text(error: ServobenchError, folder: Path) -> str:
 
 
 def _list_exercises(folder: Path) -> list[dict[str, str]]:
-    found: list[Exercise] = []
+    exercises: list[Exercise] = []
     broken: list[dict[str, str]] = []
     for name in names(folder):
         try:
-            found.append(exercise(name, folder))
+            exercises.append(exercise(name, folder))
         except ServobenchError as error:  # one file with a mistake doesn't take the others away
             broken.append({"name": name, "title": name, "sentence": "", "error": _error_text(error, folder)})
-    found.sort(key=lambda each: (each.order, each.name))
+    exercises.sort(key=lambda each: (each.order, each.name))
     entries = (
-        {"name": e.name, "title": line_text(e.title), "sentence": line_text(e.sentence)} for e in found
+        {"name": e.name, "title": line_text(e.title), "sentence": line_text(e.sentence)} for e in exercises
     )
     return [*entries, *broken]
 
 
-def _page_data(found: Exercise) -> dict[str, Any]:
+def _page_data(exercise: Exercise) -> dict[str, Any]:
     return {
-        "name": found.name,
-        "title": line_text(found.title),
+        "name": exercise.name,
+        "title": line_text(exercise.title),
         "pieces": [
-            {"study": piece.study} if piece.study else {"html": to_html(piece.text)} for piece in found.pieces
+            {"study": piece.study} if piece.study else {"html": to_html(piece.text)}
+            for piece in exercise.pieces
         ],
-        "blanks": [{"id": b.id, "label": line_text(b.label), "unit": b.unit} for b in found.blanks],
-        "experiment": _settable(found.experiment),
+        "blanks": [{"id": b.id, "label": line_text(b.label), "unit": b.unit} for b in exercise.blanks],
+        "experiment": _settable(exercise.experiment),
     }
 
 
 def _check_answers(
-    found: Exercise, answers: dict[str, str], facts: Mapping[str, Fact]
+    exercise: Exercise, answers: dict[str, str], facts: Mapping[str, Fact]
 ) -> dict[str, dict[str, Any]]:
-    checked = check(found, answers, facts)
+    checked = check(exercise, answers, facts)
     return {
         name: {"right": each.right, "sentence": line_text(each.sentence)} for name, each in checked.items()
     }
@@ -211,10 +214,10 @@ def _answers(body: bytes) -> dict[str, str]:
     """The answers in a body; raises `UsageError` for anything else."""
     expected = 'expected {"answers": {"id of a blank": "text"}}'
     try:
-        given = json.loads(body)
+        content = json.loads(body)
     except (ValueError, RecursionError):
         raise UsageError(f"the body isn't JSON; {expected}") from None
-    answers = given.get("answers") if isinstance(given, dict) else None
+    answers = content.get("answers") if isinstance(content, dict) else None
     if not isinstance(answers, dict) or not all(isinstance(text, str) for text in answers.values()):
         raise UsageError(f"the body has no answers; {expected}")
     return answers

@@ -23,10 +23,10 @@ _EXAMPLE = re.compile(r"[-+0-9].*")
 def with_fields(sentence: str) -> str:
     """Return a sentence with the names of fields in the place of keywords, with the value where it is a number."""
 
-    def field(found: re.Match[str]) -> str:
-        name, value = found.groups()
+    def field(match: re.Match[str]) -> str:
+        name, value = match.groups()
         if name not in _FIELDS:
-            return found[0]
+            return match[0]
         example = f" ({value})" if _EXAMPLE.fullmatch(value) else ""
         return f"the field “{_FIELDS[name]}”{example}"
 

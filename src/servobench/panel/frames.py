@@ -124,17 +124,17 @@ class Scope:
 
     def take(self, rows: Array) -> Array:
         """Return what rows (N, C) of the ring show, (N, 13) in the order of `COLUMNS`."""
-        found = np.empty((len(COLUMNS) + 3, len(rows)))
-        shown = found[: len(COLUMNS)].T
+        columns = np.empty((len(COLUMNS) + 3, len(rows)))
+        shown = columns[: len(COLUMNS)].T
         if not len(rows):
             return shown
-        display_block(rows, self._columns, self._counts, self._modulus, self._radians, self._before, found)
+        display_block(rows, self._columns, self._counts, self._modulus, self._radians, self._before, columns)
         if math.isnan(self._radians):
             return shown
-        position, dt = found[-3], found[-1]
-        found[_POSITION : _SPEED_RAW + 1] = found[-3:-1]
-        found[_SPEED] = self._speed_of(position, dt)
-        self._remember(found[0], position)
+        position, dt = columns[-3], columns[-1]
+        columns[_POSITION : _SPEED_RAW + 1] = columns[-3:-1]
+        columns[_SPEED] = self._speed_of(position, dt)
+        self._remember(columns[0], position)
         return shown
 
     def change_chain(self, chain: str) -> None:

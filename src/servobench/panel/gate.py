@@ -75,11 +75,11 @@ class Door:
 
     def check_host(self, headers: Headers) -> None:
         """Raise `Refused` for a name that isn't ours, such as one that was made to mean this machine."""
-        given = headers.getlist("host")
-        if len(given) != 1 or given[0].lower() not in self.hosts:
+        names = headers.getlist("host")
+        if len(names) != 1 or names[0].lower() not in self.hosts:
             raise Refused(
                 421,
-                f"this panel isn't called {', '.join(given) or 'by no name'}; it is at {', '.join(sorted(self.hosts))}",
+                f"this panel isn't called {', '.join(names) or 'by no name'}; it is at {', '.join(sorted(self.hosts))}",
             )
 
     def admit(self, headers: Headers, asks: Asks) -> Session | None:
@@ -123,8 +123,8 @@ class Door:
 def _cookie(headers: Headers, cookie: str) -> str:
     """The cookie with a name; empty where there is none, or more than one, of which one isn't ours."""
     pairs = [pair.strip().partition("=") for line in headers.getlist("cookie") for pair in line.split(";")]
-    found = [value for name, _, value in pairs if name == cookie]
-    return found[0] if len(found) == 1 else ""
+    values = [value for name, _, value in pairs if name == cookie]
+    return values[0] if len(values) == 1 else ""
 
 
 def page_policy(door: Door, form_action: Literal["'none'", "'self'"] = "'none'") -> str:
@@ -185,10 +185,10 @@ class Gate:
 
 
 def _without(
-    given: Iterable[tuple[bytes, bytes]], ours: tuple[tuple[bytes, bytes], ...]
+    headers: Iterable[tuple[bytes, bytes]], ours: tuple[tuple[bytes, bytes], ...]
 ) -> list[tuple[bytes, bytes]]:
     """Our headers, without those that an answer has of its own."""
-    own = {name.lower() for name, _ in given}
+    own = {name.lower() for name, _ in headers}
     return [(name, value) for name, value in ours if name not in own]
 
 

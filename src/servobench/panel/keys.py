@@ -78,17 +78,17 @@ class Keys:
         """Return a new session for a key that its carrier brings; None where it isn't one, was used, or is over."""
         if carrier == "code":
             text = _group(text)
-        found = None
+        key = None
         for each in self._keys:
             if same(each.text, text) and each.carrier == carrier:
-                found = each
-        if found is None:
+                key = each
+        if key is None:
             return None
         if carrier != "code":
-            self._keys.remove(found)
-            self._spent = [*self._spent, found.text][-_MOST_SPENT:]
+            self._keys.remove(key)
+            self._spent = [*self._spent, key.text][-_MOST_SPENT:]
             self._used(carrier)
-        return self._begin(found.role) if found.expires > self._now() else None
+        return self._begin(key.role) if key.expires > self._now() else None
 
     def is_spent(self, text: str) -> bool:
         """Return whether a text was a key that works once, and was used or came too late."""
@@ -111,13 +111,13 @@ class Keys:
 
     def session(self, cookie: str) -> Session | None:
         """Return the session that a cookie names, which goes on by that; None where there is none, or it is over."""
-        found = None
+        session = None
         for each in self._alive():
             if same(each.cookie, cookie):
-                found = each
-        if found is not None:
-            found.expires = self._now() + SESSION_TIME
-        return found
+                session = each
+        if session is not None:
+            session.expires = self._now() + SESSION_TIME
+        return session
 
     def _alive(self) -> list[Session]:
         return [each for each in self._sessions if each.expires > self._now()]
@@ -133,7 +133,7 @@ def _group(typed: str) -> str:
     return "-".join(signs[k : k + 4] for k in range(0, len(signs), 4))
 
 
-def same(expected: str, given: str) -> bool:
+def same(expected: str, text: str) -> bool:
     """Return whether two texts are the same, in a time that doesn't tell how much of them is; an empty one never is."""
-    alike = hmac.compare_digest(expected.encode(), given.encode("utf-8", "surrogatepass"))
-    return bool(given) and alike
+    alike = hmac.compare_digest(expected.encode(), text.encode("utf-8", "surrogatepass"))
+    return bool(text) and alike

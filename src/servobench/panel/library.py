@@ -170,13 +170,13 @@ class Library:
 
     def list(self) -> list[dict[str, object]]:
         """Return what is known of each recording, the newest first, those that were deleted as well."""
-        found = [
+        entries = [
             {"name": folder.name, **asdict(about_in(folder)), "deleted": folder.parent == self._trash}
             for place in (self.folder, self._trash)
             for folder in self._entries(place)
             if _file(folder, RECORDING) is not None
         ]
-        return sorted(found, key=lambda each: (str(each["created"]), str(each["name"])), reverse=True)
+        return sorted(entries, key=lambda each: (str(each["created"]), str(each["name"])), reverse=True)
 
     def folders(self) -> Iterator[Path]:
         """Return the folders of all recordings that weren't deleted."""
@@ -223,12 +223,12 @@ class Library:
         if path is None or not about_in(folder).verdict:
             return None
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
+            result = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
             raise FormatError(f"{path} can't be read: {error}; identify {folder.name} again") from error
-        if not isinstance(found, dict):
+        if not isinstance(result, dict):
             raise FormatError(f"{path} holds no result; identify {folder.name} again")
-        return found
+        return result
 
     def say_columns(self, folder: Path, mapping: str, length: float, samples: int) -> None:
         """Keep which columns of the recording in a folder are what, as TOML; raises `StorageError`."""
@@ -283,20 +283,22 @@ def about_in(folder: Path) -> About:
     if path is None:
         return About()
     try:
-        given = json.loads(path.read_text(encoding="utf-8"))
-        known = {key: _as(type(value), given[key]) for key, value in asdict(About()).items() if key in given}
+        entries = json.loads(path.read_text(encoding="utf-8"))
+        known = {
+            key: _as(type(value), entries[key]) for key, value in asdict(About()).items() if key in entries
+        }
     except (OSError, ValueError, TypeError, RecursionError):
         return About(notes="(about.json can't be read)")
     return About(**known)
 
 
-def _as(kind: type[Any], given: Any) -> Any:
+def _as(kind: type[Any], value: Any) -> Any:
     """A value from about.json in its type; raises `ValueError`, `TypeError` if it hasn't that type."""
     if kind is not tuple:
-        return kind(given)
-    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+        return kind(value)
+    if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
         raise TypeError("expected a list of sentences")
-    return tuple(given)
+    return tuple(value)
 
 
 def keep_about(folder: Path, about: About) -> None:

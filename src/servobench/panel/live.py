@@ -71,15 +71,15 @@ class LiveFit:
             self._next = first
         begin = self._next or 0
         self._next = begin + len(t)
-        driven, seen = np.isfinite(t) & np.isfinite(u), np.isfinite(t) & np.isfinite(counts)
-        y = (self._unwrap(counts[seen]) + 0.5) * self._quantum
-        if seen.any():
+        driven, has_counts = np.isfinite(t) & np.isfinite(u), np.isfinite(t) & np.isfinite(counts)
+        y = (self._unwrap(counts[has_counts]) + 0.5) * self._quantum
+        if has_counts.any():
             t_in = self._hold_times(columns, t)[driven]
-            known = self._live.take(Samples(t=t[seen], y=y, t_in=t_in, u=u[driven]))
-            self._keep(known, begin + np.flatnonzero(seen))
-        if not seen.any() or t[seen][-1] - self._last_reported < _INTERVAL:
+            known = self._live.take(Samples(t=t[has_counts], y=y, t_in=t_in, u=u[driven]))
+            self._keep(known, begin + np.flatnonzero(has_counts))
+        if not has_counts.any() or t[has_counts][-1] - self._last_reported < _INTERVAL:
             return None
-        self._last_reported = float(t[seen][-1])
+        self._last_reported = float(t[has_counts][-1])
         return self.message()
 
     @property
@@ -92,12 +92,12 @@ class LiveFit:
 
         Rows before `until` are forgotten by that.
         """
-        found = np.full(max(until - first, 0), np.nan)
+        residuals = np.full(max(until - first, 0), np.nan)
         here = (self._numbers >= first) & (self._numbers < until)
-        found[(self._numbers[here] - first).astype(np.int64)] = self._residuals[here]
+        residuals[(self._numbers[here] - first).astype(np.int64)] = self._residuals[here]
         later = self._numbers >= until
         self._numbers, self._residuals = self._numbers[later], self._residuals[later]
-        return found
+        return residuals
 
     def _keep(self, known: Array, rows: NDArray[np.int64]) -> None:
         """Keep residuals that have become known after rows with those numbers were taken; some may be known later only."""

@@ -219,18 +219,18 @@ def main() -> int:
     live = LiveFit(info_from_json(spec.info), spec.sample_time, spec.wish)
     with ExitStack() as stack:
         # Its own rings first: where the panel was killed meanwhile the loop's are gone, and these are still to be cleared up.
-        seen = stack.enter_context(RowRing.attach(spec.seen))
+        residuals = stack.enter_context(RowRing.attach(spec.seen))
         messages = stack.enter_context(MessageRing.attach(spec.messages))
         wishes = stack.enter_context(MessageRing.attach(spec.wishes))
         wished = wishes.reader(0)
-        for ring in (seen, messages, wishes):
+        for ring in (residuals, messages, wishes):
             stack.callback(ring.clear_up)
         rows = stack.enter_context(RowRing.attach(spec.rows)).reader()
         beat = FrameClock(LEAD)
         while not gone.wait(beat.wait()):
             for wish in wished.read():
                 live.set_wish(json.loads(wish))
-            estimate = look(live, rows, spec.columns, seen)
+            estimate = look(live, rows, spec.columns, residuals)
             if estimate is not None:
                 messages.push(json.dumps(finite(estimate), allow_nan=False, separators=(",", ":")))
         _await_another_parent(server)

@@ -178,8 +178,8 @@ async def catalogue(request: Request, panel: Panel) -> Response:
 
 async def preview(request: Request, panel: Panel) -> Response:
     """A signal as it would be."""
-    given = await json_object(request)
-    return as_json(await asyncio.to_thread(preview_signal, given, panel.motor.experiment))
+    body = await json_object(request)
+    return as_json(await asyncio.to_thread(preview_signal, body, panel.motor.experiment))
 
 
 async def stop(request: Request, panel: Panel) -> Response:
@@ -228,16 +228,16 @@ def _outside_of_assessments(panel: Panel) -> None:
 def page_file(name: str) -> Response:
     """Return a file of the page; raises `Refused` where there is none."""
     # Compared with the names that there are: none of them leads anywhere else.
-    found = next((each for each in _static_files() if each == name), None)
-    kind = None if found is None else _TYPES.get(found[found.rfind(".") :])
-    if found is None or kind is None:
+    file_name = next((each for each in _static_files() if each == name), None)
+    kind = None if file_name is None else _TYPES.get(file_name[file_name.rfind(".") :])
+    if file_name is None or kind is None:
         raise Refused(404, "there is no such file")
-    return Response((resources("servobench.panel") / "static" / found).read_bytes(), media_type=kind)
+    return Response((resources("servobench.panel") / "static" / file_name).read_bytes(), media_type=kind)
 
 
-def as_json(found: Any) -> Response:
+def as_json(answer: Any) -> Response:
     """Return an answer in JSON; a number that isn't finite is a fault of ours."""
-    return Response(json.dumps(found, allow_nan=False), media_type="application/json")
+    return Response(json.dumps(answer, allow_nan=False), media_type="application/json")
 
 
 def _static_files() -> tuple[str, ...]:
@@ -247,12 +247,12 @@ def _static_files() -> tuple[str, ...]:
 @cache
 def _of_uplot(name: str) -> bytes:
     try:
-        (found,) = (
+        (file,) = (
             each for each in files("uplot-python") or () if each.name == name and "static" in each.parts
         )
     except PackageNotFoundError:
         raise UsageError('the panel needs uPlot: pip install "servobench[panel]"') from None
-    return found.read_binary()
+    return file.read_binary()
 
 
 def _diagram_data(experiment: Experiment, info: DeviceInfo) -> dict[str, Any]:

@@ -31,7 +31,7 @@ _HARMONIC = 1.5  # the work of one harmonic, measured: its cosine, and its part 
 _SEGMENT = 0.25  # the work of looking which samples are a segment's
 
 
-def preview_signal(given: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
+def preview_signal(settings: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
     """Return what a signal does over a duration [s] in an experiment, and what can't be put out as it is drawn.
 
     The signal is sampled as the loop does it. `low` and `high` (N,), N up to `COLUMNS`, are its least and largest value from
@@ -39,11 +39,11 @@ def preview_signal(given: Mapping[str, Any], experiment: Experiment) -> dict[str
     the first `duration` [s] of `length` [s]; where that is less, `later` is the least and the largest value of the rest, or None
     where it is too long. Raises `UsageError` for a duration or a signal that can't be.
     """
-    asked = given.get("duration", 10.0)
+    asked = settings.get("duration", 10.0)
     if not isinstance(asked, int | float) or not 0 < asked < math.inf:
         raise UsageError(f"a preview can't last {asked!r} s; expected a number above 0")
     try:
-        signal = TypeAdapter(AnySignal).validate_python(given.get("signal"))
+        signal = TypeAdapter(AnySignal).validate_python(settings.get("signal"))
     except ValidationError as error:
         raise UsageError(settings_error_text(error)) from None
     step, most = experiment.sample_time, MOST_WORK / work_of(signal)
@@ -110,5 +110,5 @@ def _later(signal: Signal, step: float, first: int, samples: float) -> list[floa
     """The least and the largest value from sample `first` on, None where none is finite."""
     last = math.ceil(samples - 1e-9)
     edges = np.append(np.arange(first, last, _BLOCK), last)
-    low, high = (found[np.isfinite(found)] for found in extremes(signal, step, edges))
+    low, high = (values[np.isfinite(values)] for values in extremes(signal, step, edges))
     return [float(low.min()), float(high.max())] if len(low) else None

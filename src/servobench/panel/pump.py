@@ -163,10 +163,10 @@ class Pump(Thread):
             for event in events
             if event.kind == "command" and event.about["accepted"] and "chain" in event.about["what"]
         ]
-        seen = [] if self._live is None else self._live.look()
-        rows = self._rows.read((ended is None and self._ready(seen)) or _MOST)
+        looks = [] if self._live is None else self._live.look()
+        rows = self._rows.read((ended is None and self._ready(looks)) or _MOST)
         first, values = self._rows.next - len(rows), self._display_rows(rows)
-        _put_residuals(seen, first, values)
+        _put_residuals(looks, first, values)
         late, limited = count_flags(values, _LATE, _SATURATED) if len(values) else (0, math.nan)
         self._late += late
         return News(
@@ -195,9 +195,9 @@ class Pump(Thread):
             return json.dumps({**_NOTHING_KNOWN, "ended": why})
         return self._live.message()
 
-    def _ready(self, seen: list[Look]) -> int:
+    def _ready(self, looks: list[Look]) -> int:
         """The number of rows that can be shown with their residuals; 0 if none can."""
-        return min(max(seen[-1].reached - self._rows.next, 0), _MOST) if seen else 0
+        return min(max(looks[-1].reached - self._rows.next, 0), _MOST) if looks else 0
 
     def _display_rows(self, rows: Array) -> Array:
         """The rows for display; a new chain applies from the row on at which its command took effect."""
@@ -222,11 +222,11 @@ class Pump(Thread):
         self._tick = tick
 
 
-def _put_residuals(seen: list[Look], first: int, values: Array) -> None:
+def _put_residuals(looks: list[Look], first: int, values: Array) -> None:
     """Put residuals into the rows (N, 13) from number `first` on that they are of; those of other rows came too late."""
-    for each in seen:
+    for each in looks:
         begin = max(each.first, first)
         end = min(each.first + len(each.residuals), first + len(values))
         if begin < end:
-            found = each.residuals[begin - each.first : end - each.first]
-            values[begin - first : end - first, _RESIDUAL] = found
+            residuals = each.residuals[begin - each.first : end - each.first]
+            values[begin - first : end - first, _RESIDUAL] = residuals

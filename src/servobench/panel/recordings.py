@@ -51,8 +51,8 @@ async def list_all(request: Request, panel: Panel) -> Response:
 
 async def save_notes(request: Request, panel: Panel) -> Response:
     """Notes to one."""
-    given = await json_object(request)
-    await asyncio.to_thread(panel.library.note, _name(request), given.get("notes"))
+    body = await json_object(request)
+    await asyncio.to_thread(panel.library.note, _name(request), body.get("notes"))
     return _announce_change(panel)
 
 
@@ -114,8 +114,8 @@ async def identify_one(request: Request, panel: Panel) -> Response:
 
     Raises `UsageError` for a structure that is no name, `Refused` where nobody has said what its columns are.
     """
-    given = await json_object(request)
-    structure = given.get("structure", "auto")
+    body = await json_object(request)
+    structure = body.get("structure", "auto")
     if not isinstance(structure, str):
         raise UsageError(f"{structure!r} isn't the name of a model structure")
     name = _name(request)
@@ -134,9 +134,9 @@ async def identify_one(request: Request, panel: Panel) -> Response:
 
     async def identify_and_keep(order: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
         """The result, stored before the end of the identification is announced, so that a request after that finds it."""
-        found: dict[str, Any] = (await panel.work(order, said))["result"]
-        await asyncio.to_thread(panel.library.judge, native.parent, found)
-        return found
+        identification: dict[str, Any] = (await panel.work(order, said))["result"]
+        await asyncio.to_thread(panel.library.judge, native.parent, identification)
+        return identification
 
     result = await panel.jobs.identify(identify_and_keep, panel.motor.tell, name, order, known.samples)
     panel.motor.tell({"kind": "library"})
@@ -153,10 +153,10 @@ async def identification_ended(request: Request, panel: Panel) -> Response:
 async def result(request: Request, panel: Panel) -> Response:
     """The stored result of a recording; raises `Refused` if there is none, or not for these columns."""
     name = _name(request)
-    found = await asyncio.to_thread(panel.library.result, name)
-    if found is None:
+    identification = await asyncio.to_thread(panel.library.result, name)
+    if identification is None:
         raise Refused(404, f"{name} isn't identified yet: identify it first")
-    return _answer(name, found)
+    return _answer(name, identification)
 
 
 def _answer(name: str, result: Mapping[str, Any]) -> Response:
@@ -175,8 +175,8 @@ async def report(request: Request, panel: Panel) -> Response:
 
 async def upload(request: Request, panel: Panel) -> Response:
     """Import a file as a recording; its name is adjusted, and its columns may have to be assigned."""
-    given = request.query_params.get("name", "")
-    stem, suffix = _stem_and_suffix(given)
+    file_name = request.query_params.get("name", "")
+    stem, suffix = _stem_and_suffix(file_name)
     folder = await asyncio.to_thread(panel.library.new_like, stem)
     try:
         place = await asyncio.to_thread(TemporaryDirectory, prefix=".", dir=folder)
@@ -187,15 +187,15 @@ async def upload(request: Request, panel: Panel) -> Response:
             order = {
                 "do": "import",
                 "file": os.fspath(file),
-                "called": _file_text(given),
+                "called": _file_text(file_name),
                 "name": file.name,
                 "to": os.fspath(folder / RECORDING),
                 "created": datetime.now().isoformat(timespec="seconds"),
             }
-            found = await panel.work(order)
+            description = await panel.work(order)
         finally:
             await asyncio.to_thread(place.cleanup)
-        await asyncio.to_thread(_write_description, folder, found)
+        await asyncio.to_thread(_write_description, folder, description)
     except BaseException:
         await asyncio.to_thread(panel.library.forget, folder)
         raise
@@ -203,8 +203,8 @@ async def upload(request: Request, panel: Panel) -> Response:
     return as_json(
         {
             "name": folder.name,
-            "open": found["questions"]["open"],
-            "warnings": found["about"]["warnings"],
+            "open": description["questions"]["open"],
+            "warnings": description["about"]["warnings"],
         }
     )
 
@@ -223,12 +223,12 @@ def _questions(panel: Panel, name: str) -> dict[str, Any]:
 
 async def columns_said(request: Request, panel: Panel) -> Response:
     """Store the answers with the recording if the file agrees with them."""
-    given = await json_object(request)
+    answers = await json_object(request)
     native = await asyncio.to_thread(panel.library.file, _name(request), RECORDING)
     await asyncio.to_thread(
         panel.library.file, _name(request), QUESTIONS
     )  # or else it says itself what it holds
-    order = {"do": "map", "file": os.fspath(native), "called": _name(request), "said": given}
+    order = {"do": "map", "file": os.fspath(native), "called": _name(request), "said": answers}
     answer = await panel.work(order)
     await asyncio.to_thread(
         panel.library.say_columns, native.parent, answer["mapping"], answer["length"], answer["samples"]
@@ -236,12 +236,12 @@ async def columns_said(request: Request, panel: Panel) -> Response:
     return _announce_change(panel)
 
 
-def _write_description(folder: Path, found: dict[str, Any]) -> None:
+def _write_description(folder: Path, description: dict[str, Any]) -> None:
     """Keep what is known of an imported file, and what is asked about it."""
-    replace_file(folder / QUESTIONS, json.dumps(found["questions"]))
-    known = About(**found["about"])
+    replace_file(folder / QUESTIONS, json.dumps(description["questions"]))
+    known = About(**description["about"])
     # Without known times the duration is unknown.
-    open_questions = found["questions"]["open"]
+    open_questions = description["questions"]["open"]
     keep_about(
         folder,
         replace(known, columns="open", duration=0.0) if open_questions else replace(known, columns="known"),

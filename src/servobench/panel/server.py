@@ -100,18 +100,18 @@ def listen(host: str, port: int | None) -> socket.socket:
     for wanted in (port,) if port is not None else (PORT, 0):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         # The protocol is said, as asyncio sends small pieces at once on sockets only that are of TCP by their own word.
-        found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+        listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         try:
             if socket.has_dualstack_ipv6() and family == socket.AF_INET6:
-                found.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+                listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             if sys.platform != "win32":
                 # The port of a panel that was killed is free at once; on Windows the option would share one that is in use.
-                found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            found.bind((host, wanted))
-            found.listen(128)
-            return found
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind((host, wanted))
+            listener.listen(128)
+            return listener
         except OSError as error:
-            found.close()
+            listener.close()
             reason = error.strerror or str(error)
     raise UsageError(
         f"the panel can't listen on {host}, port {port}: {reason}; give another `port=...`, or `port=0` for any"

@@ -87,36 +87,36 @@ async def _send(socket: WebSocket, viewer: Viewer, motor: MotorSession) -> None:
 
 async def _answer(text: str, viewer: Viewer, motor: MotorSession) -> None:
     """Do what a message asks for, and answer it."""
-    given: Said = {}
+    message: Said = {}
     try:
-        given = parse_object(text)
-        answer = await _perform(given, viewer, motor)
-        if given["do"] not in UNANSWERED:
-            viewer.tell({"kind": "answer", "id": _id(given), "ok": True, **answer})
+        message = parse_object(text)
+        answer = await _perform(message, viewer, motor)
+        if message["do"] not in UNANSWERED:
+            viewer.tell({"kind": "answer", "id": _id(message), "ok": True, **answer})
     except (ServobenchError, Refused, RecursionError) as error:
-        viewer.tell({"kind": "answer", "id": _id(given), "ok": False, "error": with_fields(str(error))})
+        viewer.tell({"kind": "answer", "id": _id(message), "ok": False, "error": with_fields(str(error))})
 
 
-def _id(given: Said) -> str | int | None:
+def _id(message: Said) -> str | int | None:
     """The number or text by which a page knows its message again."""
-    found = given.get("id")
-    return found if isinstance(found, str | int) and len(str(found)) <= 64 else None
+    identifier = message.get("id")
+    return identifier if isinstance(identifier, str | int) and len(str(identifier)) <= 64 else None
 
 
-async def _perform(given: Said, viewer: Viewer, motor: MotorSession) -> Answer:
+async def _perform(message: Said, viewer: Viewer, motor: MotorSession) -> Answer:
     """Do what a message asks for, if it may, and return what there is to say about it."""
-    name = given.get("do")
+    name = message.get("do")
     action = ACTIONS.get(name) if isinstance(name, str) else None
     if action is None:
         raise UsageError(f"there is no action {str(name)[:40]!r}; known: {', '.join(ACTIONS)}")
-    unknown = sorted(set(given) - {"do", "id", *action.takes})
+    unknown = sorted(set(message) - {"do", "id", *action.takes})
     if unknown:
         raise UsageError(
             f"{name} doesn't take {', '.join(unknown)[:80]}; it takes {', '.join(action.takes) or 'nothing'}"
         )
     if action.operates:
         motor.lease.check(viewer)
-    return await action.carry_out(motor, viewer, given)
+    return await action.carry_out(motor, viewer, message)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,18 +131,18 @@ class Action:
     operates: bool = True
 
 
-async def _lease(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _lease(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     motor.take_lease(viewer)
     return {}
 
 
-async def _release(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _release(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     motor.release(viewer)
     return {}
 
 
-async def _heartbeat(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
-    row = given.get("row")
+async def _heartbeat(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
+    row = message.get("row")
     if not isinstance(row, int) or isinstance(row, bool) or row < 0:
         raise UsageError(
             f"{str(row)[:40]!r} isn't a row that a page could have drawn; expected a number, 0 or above"
@@ -151,45 +151,45 @@ async def _heartbeat(motor: MotorSession, viewer: Viewer, given: Said) -> Answer
     return {}
 
 
-async def _hide(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _hide(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     motor.note_hidden(viewer)
     return {}
 
 
-async def _open(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _open(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     asked = await asyncio.to_thread(
-        experiment_from, motor.experiment, given.get("device"), given.get("sample_time")
+        experiment_from, motor.experiment, message.get("device"), message.get("sample_time")
     )
     motor.lease.check(viewer)  # a page may have gone meanwhile
     await motor.open(asked)
     return {}
 
 
-async def _set(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
-    changes = {key: given[key] for key in SETTABLE if key in given}
+async def _set(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
+    changes = {key: message[key] for key in SETTABLE if key in message}
     if not changes:
         raise UsageError(f"set changes nothing; give one of {', '.join(SETTABLE)}")
     return {"number": motor.command(command_from(changes))}
 
 
-async def _start(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _start(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     return {"number": motor.start()}
 
 
-async def _halt(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _halt(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     return {"number": motor.command(command_from({"enabled": False}))}
 
 
-async def _stop(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _stop(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     return {"number": motor.stop("STOP was pressed; the voltage is zero")}
 
 
-async def _acknowledge(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _acknowledge(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     return {"number": motor.acknowledge()}
 
 
-async def _record(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
-    duration, name = given.get("duration"), given.get("name")
+async def _record(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
+    duration, name = message.get("duration"), message.get("name")
     if duration is not None and not _is_duration(duration):
         raise UsageError(
             f"a recording can't last {duration!r} s; expected a number above 0, or null until it's ended"
@@ -197,25 +197,25 @@ async def _record(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
     return {"name": await motor.record(name or None, None if duration is None else float(duration))}
 
 
-async def _end_record(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _end_record(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
     motor.end_record()
     return {}
 
 
-async def _wish(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
-    until = given.get("until")
+async def _wish(motor: MotorSession, viewer: Viewer, message: Said) -> Answer:
+    until = message.get("until")
     if not isinstance(until, str):
         raise UsageError(f"{str(until)[:40]!r} isn't a target; expected a text such as time_constant=0.5%")
     motor.wish(until)
     return {}
 
 
-def _is_duration(given: object) -> bool:
+def _is_duration(duration: object) -> bool:
     return (
-        isinstance(given, int | float)
-        and not isinstance(given, bool)
-        and 0 < given <= 1e6
-        and math.isfinite(given)
+        isinstance(duration, int | float)
+        and not isinstance(duration, bool)
+        and 0 < duration <= 1e6
+        and math.isfinite(duration)
     )
 
 

@@ -218,8 +218,8 @@ def preview_mapping(order: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.recordings.native.reader import read
 
     mapping = mapping_of(order["said"])
-    found = mapping.assign_to(read(order["file"])[0])
-    series = found[found.output or ""]
+    recording = mapping.assign_to(read(order["file"])[0])
+    series = recording[recording.output or ""]
     t = series.t
     if t is None or len(t) < 2:
         raise UsageError("fewer than two samples have a time and a value there; choose other columns")
@@ -244,8 +244,8 @@ def exercise_results(order: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.lab.stand import stand_on_the_twin
     from servobench.lab.worked_exercise import WorkedExercise
 
-    found = exercise(order["name"], Path(order["folder"]))
-    return results(WorkedExercise(exercise=found, stand=stand_on_the_twin(found), given={}))
+    definition = exercise(order["name"], Path(order["folder"]))
+    return results(WorkedExercise(exercise=definition, stand=stand_on_the_twin(definition), given={}))
 
 
 def exercise_facts(order: Mapping[str, Any]) -> dict[str, Any]:
@@ -259,15 +259,15 @@ def exercise_facts(order: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.lab.stand import stand_on_the_twin
 
     facts = stand_on_the_twin(exercise(order["name"], Path(order["folder"]))).facts
-    found: dict[str, list[float]] = {}
+    values: dict[str, list[float]] = {}
     untold: dict[str, list[str]] = {}
     for name in order["names"]:
         try:
             if name in facts:
-                found[name] = [facts[name].value, facts[name].half]
+                values[name] = [facts[name].value, facts[name].half]
         except ServobenchError as error:
             untold[name] = [type(error).__name__, str(error)]
-    return {"found": found, "untold": untold, "known": list(facts)}
+    return {"found": values, "untold": untold, "known": list(facts)}
 
 
 PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {

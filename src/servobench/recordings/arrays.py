@@ -65,20 +65,20 @@ def _recording(
     )
 
 
-def _records(name: str, given: Any) -> list[Any]:
+def _records(name: str, argument: Any) -> list[Any]:
     """The arrays (N,) in an argument: itself, or each of a list of arrays."""
-    several = isinstance(given, list | tuple) and len(given) > 0 and np.ndim(given[0]) > 0
-    parts = [(f"{name}[{k}]", each) for k, each in enumerate(given)] if several else [(name, given)]
+    several = isinstance(argument, list | tuple) and len(argument) > 0 and np.ndim(argument[0]) > 0
+    parts = [(f"{name}[{k}]", each) for k, each in enumerate(argument)] if several else [(name, argument)]
     return [_numbers(*part) for part in parts]
 
 
-def _numbers(name: str, given: Any) -> Array:
-    values, _ = to_numbers(name, given)
+def _numbers(name: str, argument: Any) -> Array:
+    values, _ = to_numbers(name, argument)
     if values is None:
-        texts = mostly_numbers(np.asarray(given, dtype=object))[1]
+        texts = mostly_numbers(np.asarray(argument, dtype=object))[1]
         example = f": {name}[{min(texts)}] is {texts[min(texts)][:40]!r}" if texts else ""
         raise UsageError(
-            f"{name} is a {type(given).__name__} that isn't numbers{example}; expected an array of numbers, (N,)"
+            f"{name} is a {type(argument).__name__} that isn't numbers{example}; expected an array of numbers, (N,)"
         )
     if not values.size:
         raise UsageError(f"{name} is empty; expected one number for each sample, (N,)")

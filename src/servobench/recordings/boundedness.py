@@ -114,15 +114,15 @@ def _stretches(data: Dataset) -> tuple[Stretch, ...]:
     starts = data.t_input[np.r_[0, changes]]
     ends = np.append(data.t_input[changes], max(data.t_output[-1], data.t_input[-1]))
     levels = data.u[np.r_[0, changes]]
-    found = []
+    stretches = []
     for start, end, level in zip(starts, ends, levels, strict=True):
         quarter = 0.25 * (end - start)
         parts = [(start + n * quarter, start + (n + 1) * quarter) for n in (1, 2, 3)]
         inside = [(data.t_output >= a) & (data.t_output <= b) for a, b in parts]
         if min(int(keep.sum()) for keep in inside) >= _FEWEST:
             slopes = [_slope(data.t_output[keep], data.y[keep], data.quantum) for keep in inside]
-            found.append(_judge(data, float(start), float(end), float(level), slopes))
-    longest = sorted(found, key=lambda stretch: stretch.start - stretch.end)[:_MOST]
+            stretches.append(_judge(data, float(start), float(end), float(level), slopes))
+    longest = sorted(stretches, key=lambda stretch: stretch.start - stretch.end)[:_MOST]
     return tuple(sorted(longest, key=lambda stretch: stretch.start))
 
 
@@ -153,8 +153,8 @@ def _judge(data: Dataset, start: float, end: float, level: float, slopes: Sequen
     exponent = None
     if one.is_zero and two.is_zero:
         most = abs(two.value) + two.half
-        seen = most * (end - start) > _NOTHING * float(np.abs(data.y).max())
-        within = f", to less than {with_unit(most, unit, 2)} at the end" if seen else ""
+        noticeable = most * (end - start) > _NOTHING * float(np.abs(data.y).max())
+        within = f", to less than {with_unit(most, unit, 2)} at the end" if noticeable else ""
         sentence = f"{held}, and in the second half of that the {data.kind} stayed where it was{within}. {_at_rest(data, level)}"
     elif two.is_zero:
         sentence = f"{held}, and the {data.kind} came to rest. {_at_rest(data, level)}"

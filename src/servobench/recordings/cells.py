@@ -13,16 +13,16 @@ from servobench.core.errors import UsageError
 Cells: TypeAlias = np.ndarray[Any, np.dtype[Any]]
 
 
-def to_numbers(name: str, given: Any) -> tuple[Array | None, bool]:
+def to_numbers(name: str, values: Any) -> tuple[Array | None, bool]:
     """Return the values as numbers, of the same shape, and whether they are times by their type; None where they are none.
 
     Dates become seconds since the first one, durations seconds. What a mask hides, None and not-a-time are NaN.
     Raises `UsageError` for complex numbers, of which a part would be lost; `name` is what the message calls them.
     """
-    if np.ma.isMaskedArray(given):
-        given = np.ma.filled(given.astype(np.float64), np.nan)
+    if np.ma.isMaskedArray(values):
+        values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
-        cells = np.asarray(given)
+        cells = np.asarray(values)
     except ValueError:  # rows of several lengths
         return None, False
     if cells.dtype.kind == "c":
@@ -44,12 +44,12 @@ def to_numbers(name: str, given: Any) -> tuple[Array | None, bool]:
         return None, False
 
 
-def mostly_numbers(given: Any) -> tuple[Array | None, dict[int, str]]:
+def mostly_numbers(column: Any) -> tuple[Array | None, dict[int, str]]:
     """Return a column (N,) of which at least half are numbers, NaN where one is a text, and those texts by row.
 
     None and no texts for any other column.
     """
-    cells = np.asarray(given)
+    cells = np.asarray(column)
     if cells.dtype.kind != "O" or cells.ndim != 1:
         return None, {}
     values, texts = np.full(len(cells), np.nan), {}

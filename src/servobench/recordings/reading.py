@@ -129,13 +129,13 @@ def recordings_meant(
 
     Raises what `evidence_in` does, but for what has to be said first.
     """
-    found, mapping = _look(data, argument, options)
-    recordings = [each for each, _ in found]
+    pairs, mapping = _look(data, argument, options)
+    recordings = [each for each, _ in pairs]
     select(
         recordings, tuple(mapping.base.each)
     )  # a name that isn't there would change nothing, and is a mistake
     names = {each.name for each in select(recordings, mapping.mapping.recordings or mapping.base.recordings)}
-    return tuple((each, mapping.of(each, part)) for each, part in found if each.name in names)
+    return tuple((each, mapping.of(each, part)) for each, part in pairs if each.name in names)
 
 
 def mapping_of(**options: Any) -> Mapping:
@@ -155,16 +155,16 @@ def mapping_of(**options: Any) -> Mapping:
 
 def further_evidence_in(data: object, *, argument: str, **options: Any) -> tuple[Evidence | Dataset, ...]:
     """Return the same for further data, without the options that select recordings: all recordings."""
-    kept = {name: value for name, value in options.items() if name not in (*_ARRAYS, "recordings")}
+    other_options = {name: value for name, value in options.items() if name not in (*_ARRAYS, "recordings")}
     if (
-        len(set(_values(kept.get("input_value") or ()))) > 1
+        len(set(_values(other_options.get("input_value") or ()))) > 1
     ):  # each belongs to one of the data that these come beside
-        del kept["input_value"]
-    datasets = _datasets(data, argument, kept)
+        del other_options["input_value"]
+    datasets = _datasets(data, argument, other_options)
     if datasets:
         return datasets
-    found, mapping = _look(data, argument, kept)
-    return _evidence([(each, mapping.of(each)) for each, _ in found])
+    pairs, mapping = _look(data, argument, other_options)
+    return _evidence([(each, mapping.of(each)) for each, _ in pairs])
 
 
 def _look(
@@ -197,26 +197,26 @@ def _evidence(recordings: Sequence[tuple[Recording, Mapping]]) -> tuple[Evidence
 def _datasets(data: object, argument: str, options: dict[str, Any]) -> tuple[Dataset, ...]:
     """The datasets where that is what is given, none where all is still to be read."""
     parts = data if isinstance(data, list | tuple) else [data]
-    found = tuple(each for each in parts if isinstance(each, Dataset))
-    if found and len(found) < len(parts):
+    datasets = tuple(each for each in parts if isinstance(each, Dataset))
+    if datasets and len(datasets) < len(parts):
         raise UsageError(
             f"{argument} has Datasets beside things that are still to be read; make Datasets of all of them with measure()"
         )
-    given = _without_empty(options)
-    if found and given:
+    nonempty = _without_empty(options)
+    if datasets and nonempty:
         raise UsageError(
-            f"{argument} is of Datasets, which have columns, units and chain already: leave {' and '.join(given)} out"
+            f"{argument} is of Datasets, which have columns, units and chain already: leave {' and '.join(nonempty)} out"
         )
-    return found
+    return datasets
 
 
 def _of_arrays(data: object, argument: str, options: dict[str, Any]) -> tuple[Recording, ...]:
-    given = [name for name in _ARRAYS if name in options]
+    array_names = [name for name in _ARRAYS if name in options]
     if data is not None:
-        raise UsageError(f"both {argument} and {' and '.join(given)} are given; give one or the other")
-    if not {"u", "y"} <= set(given):
+        raise UsageError(f"both {argument} and {' and '.join(array_names)} are given; give one or the other")
+    if not {"u", "y"} <= set(array_names):
         raise UsageError(
-            f"{' and '.join(given)} alone: give the input as u= and the output as y=, arrays of the same length"
+            f"{' and '.join(array_names)} alone: give the input as u= and the output as y=, arrays of the same length"
         )
     columns = [name for name in (*_TEXTS[:6], "input_value") if name in options]
     if columns:
@@ -278,34 +278,40 @@ _EXAMPLES = {
 }  # fmt: skip
 
 
-def _turn(given: Any) -> float | None:
-    if given is None:
+def _turn(counts_per_rev: Any) -> float | None:
+    if counts_per_rev is None:
         return None
-    if isinstance(given, bool) or not isinstance(given, int | float | np.number) or not 0 < given < np.inf:
-        raise UsageError(f"`counts_per_rev={given}`: expected a number above 0, such as 2048")
-    return float(given)
+    if (
+        isinstance(counts_per_rev, bool)
+        or not isinstance(counts_per_rev, int | float | np.number)
+        or not 0 < counts_per_rev < np.inf
+    ):
+        raise UsageError(f"`counts_per_rev={counts_per_rev}`: expected a number above 0, such as 2048")
+    return float(counts_per_rev)
 
 
-def _names(given: Any) -> tuple[str, ...]:
-    if not isinstance(given, list | tuple) or not all(isinstance(name, str) for name in given):
-        raise UsageError(f'recordings is {given!r}; expected a list of names, such as ["run 1"]')
-    return tuple(given)
+def _names(names: Any) -> tuple[str, ...]:
+    if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
+        raise UsageError(f'recordings is {names!r}; expected a list of names, such as ["run 1"]')
+    return tuple(names)
 
 
-def _values(given: Any) -> tuple[str, ...]:
-    values = (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list | tuple) else None
+def _values(option: Any) -> tuple[str, ...]:
+    values = (
+        (option,) if isinstance(option, str) else tuple(option) if isinstance(option, list | tuple) else None
+    )
     if values is None or not all(isinstance(each, str) for each in values):
         raise UsageError(
-            f'input_value is {given!r}; expected a value with its unit, such as "50:%", or a list with one for each of the data'
+            f'input_value is {option!r}; expected a value with its unit, such as "50:%", or a list with one for each of the data'
         )
     return values
 
 
-def _mapping(given: Any) -> Mapping:
-    if given is None:
+def _mapping(mapping: Any) -> Mapping:
+    if mapping is None:
         return Mapping()
-    if isinstance(given, Mapping):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return Mapping.read(given)
-    raise UsageError(f"mapping is {given!r}; expected the path of a TOML file, or a Mapping")
+    if isinstance(mapping, Mapping):
+        return mapping
+    if isinstance(mapping, str | os.PathLike):
+        return Mapping.read(mapping)
+    raise UsageError(f"mapping is {mapping!r}; expected the path of a TOML file, or a Mapping")

@@ -35,15 +35,15 @@ class AcceptanceReport:
 
     def html(self) -> str:
         """Return the page. The same acceptance gives the same text."""
-        found = self.acceptance
+        acceptance = self.acceptance
         text = template("commission.html.j2").render(
             style=source("style.css"),
-            title=found.info.name + (f" ({found.info.serial})" if found.info.serial else ""),
+            title=acceptance.info.name + (f" ({acceptance.info.serial})" if acceptance.info.serial else ""),
             version=__version__,
-            identity=_identity(found),
-            signature=_signature(found),
-            parts=tuple(self._part(each) for each in found.checks),
-            **conclusion(found),
+            identity=_identity(acceptance),
+            signature=_signature(acceptance),
+            parts=tuple(self._part(each) for each in acceptance.checks),
+            **conclusion(acceptance),
         )
         # A port's name may hold bytes that are no text.
         return text.encode("utf-8", "replace").decode("utf-8")
@@ -82,11 +82,11 @@ class AcceptanceReport:
         name = max(shown, key=lambda name: (len(self.recordings[name]["counts"].values), shown.index(name)))
         recording = self.recordings[name]
         names = ("commanded", "counts") if "commanded" in recording else ("counts",)
-        drawn = over_time(recording, names, len(shown))
-        if drawn is None:
+        illustration = over_time(recording, names, len(shown))
+        if illustration is None:
             return None
         named = replace(
-            drawn,
+            illustration,
             name=f"check-{checked.name.replace('_', '-')}",
             title=checked.title,
             caption=f"{checked.picture} ({name}.mcap)",
@@ -107,22 +107,22 @@ class _Part:
     drawing: DrawnFigure | None
 
 
-def conclusion(found: Acceptance) -> dict[str, str]:
+def conclusion(acceptance: Acceptance) -> dict[str, str]:
     """Return the `state` of the whole (a tone of the page), the `word` for it and the `reason`."""
-    counts = ", ".join(f"{number} {state}" for state, number in found.counts.items() if number)
-    reason = f"{count_text(len(found.checks), 'check')}: {counts}."
-    if found.ended:
-        reason += f" It ended early: {found.ended}."
-    if found.failed:
+    counts = ", ".join(f"{number} {state}" for state, number in acceptance.counts.items() if number)
+    reason = f"{count_text(len(acceptance.checks), 'check')}: {counts}."
+    if acceptance.ended:
+        reason += f" It ended early: {acceptance.ended}."
+    if acceptance.failed:
         return {"state": "refused", "word": "Failed", "reason": reason}
-    if found.counts["verified"] == len(found.checks):
+    if acceptance.counts["verified"] == len(acceptance.checks):
         return {"state": "trusted", "word": "Accepted", "reason": reason}
     return {"state": "doubtful", "word": "Nothing failed, not all is verified", "reason": reason}
 
 
-def _identity(found: Acceptance) -> tuple[Fact, ...]:
+def _identity(acceptance: Acceptance) -> tuple[Fact, ...]:
     """The facts on the device that was commissioned, and on the software."""
-    info = found.info
+    info = acceptance.info
     settings = dict(info.settings)
     firmware = settings.pop("firmware", "")
     counts = info.channel("counts")
@@ -136,16 +136,16 @@ def _identity(found: Acceptance) -> tuple[Fact, ...]:
         "Firmware": firmware or "not reported",
         "Settings": ", ".join(f"{name} = {value}" for name, value in settings.items()) or "the defaults",
         "Says of its encoder": ", ".join(encoder) or "nothing",
-        "Voltage limit": f"{plain(found.voltage_limit)} V",
-        "Sample time": f"{milliseconds(found.sample_time)} ms",
-        "Carried out": found.created.replace("T", " ").replace("+00:00", " UTC"),
-        "Software": f"servobench {found.version}",
+        "Voltage limit": f"{plain(acceptance.voltage_limit)} V",
+        "Sample time": f"{milliseconds(acceptance.sample_time)} ms",
+        "Carried out": acceptance.created.replace("T", " ").replace("+00:00", " UTC"),
+        "Software": f"servobench {acceptance.version}",
     }
     return tuple(Fact(heading=heading, text=text) for heading, text in texts.items())
 
 
-def _signature(found: Acceptance) -> tuple[Fact, ...]:
-    signed = found.signature
+def _signature(acceptance: Acceptance) -> tuple[Fact, ...]:
+    signed = acceptance.signature
     if signed is None:
         return (Fact(heading="Signed off by", text="nobody yet"), Fact(heading="On", text="–"))
     return (Fact(heading="Signed off by", text=signed.name), Fact(heading="On", text=signed.date))

@@ -18,11 +18,11 @@ def decimate(t: Array, y: Array, columns: int) -> tuple[Array, Array]:
     edges = np.searchsorted(t, np.linspace(t[0], t[-1], columns + 1)[1:-1])
     starts = np.unique(np.concatenate([[0], edges]))
     starts = starts[starts < len(t)]
-    kept: set[int] = set()
+    positions: set[int] = set()
     for start, end in zip(starts, [*starts[1:], len(t)], strict=True):
         part = y[start:end]
-        kept.update((start, start + int(np.argmin(part)), start + int(np.argmax(part)), end - 1))
-    index = np.array(sorted(kept))
+        positions.update((start, start + int(np.argmin(part)), start + int(np.argmax(part)), end - 1))
+    index = np.array(sorted(positions))
     return t[index], y[index]
 
 

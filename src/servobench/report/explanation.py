@@ -33,23 +33,25 @@ class ExplanationReport:
 
     def html(self) -> str:
         """Return the page. The same explanation gives the same text."""
-        found = self.explanation
-        drawings = (explanation_figures.readings(found), explanation_figures.causes(found))
+        explanation = self.explanation
+        drawings = (explanation_figures.readings(explanation), explanation_figures.causes(explanation))
         text = template("explanation.html.j2").render(
             style=source("style.css"),
             version=__version__,
-            title=_title(found),
-            state=str(found.verdict),
-            sentences=found.sentences,
-            drawings=tuple(drawn for each in drawings if not found.agrees and (drawn := single(each))),
-            shares=tuple(parameter_in_words(each.name) for each in found.differences),
-            causes=_causes(found),
-            readings=_readings(found),
-            experiment=found.decision.experiment.to_toml()
-            if found.decision and found.decision.experiment
+            title=_title(explanation),
+            state=str(explanation.verdict),
+            sentences=explanation.sentences,
+            drawings=tuple(
+                drawing for each in drawings if not explanation.agrees and (drawing := single(each))
+            ),
+            shares=tuple(parameter_in_words(each.name) for each in explanation.differences),
+            causes=_causes(explanation),
+            readings=_readings(explanation),
+            experiment=explanation.decision.experiment.to_toml()
+            if explanation.decision and explanation.decision.experiment
             else "",
             findings=tables.finding_groups(
-                tuple(each for each in found.findings if each.severity != Severity.INFO)
+                tuple(each for each in explanation.findings if each.severity != Severity.INFO)
             ),
             origin=self._origin(),
             sentence=summary.sentence,
@@ -74,20 +76,20 @@ class ExplanationReport:
         return (*command, *files)
 
 
-def _title(found: Explanation) -> str:
-    if not found.differences:
+def _title(explanation: Explanation) -> str:
+    if not explanation.differences:
         return "No answer"
-    values = " and ".join(with_unit(each.other, each.unit) for each in found.differences)
-    first = " and ".join(with_unit(each.data, each.unit, 3) for each in found.differences)
+    values = " and ".join(with_unit(each.other, each.unit) for each in explanation.differences)
+    first = " and ".join(with_unit(each.data, each.unit, 3) for each in explanation.differences)
     return f"Why {values} and not {first}"
 
 
-def _causes(found: Explanation) -> tuple[tuple[str, ...], ...]:
+def _causes(explanation: Explanation) -> tuple[tuple[str, ...], ...]:
     """A row for each cause: its name, how probable it is, what it explains of each difference, and what there is to say."""
     rows = []
-    for each in found.causes:
+    for each in explanation.causes:
         shares = {share.name: share_text(share) for share in each.explains}
-        texts = (shares.get(d.name, "–") for d in found.differences)
+        texts = (shares.get(d.name, "–") for d in explanation.differences)
         needed = "" if each.needed is None else size_range_text(each.needed)
         against = each.against and f"{'; ' if needed else ''}{each.against}"
         probability = probability_text(each.probability) if each.possible else "–"
@@ -95,10 +97,10 @@ def _causes(found: Explanation) -> tuple[tuple[str, ...], ...]:
     return tuple(rows)
 
 
-def _readings(found: Explanation) -> tuple[tuple[str, ...], ...]:
+def _readings(explanation: Explanation) -> tuple[tuple[str, ...], ...]:
     """A row for each method: its name, the gain and the time constant that it reads, or why it reads none."""
     rows = []
-    for each in found.readings:
+    for each in explanation.readings:
         values = (
             ("–", each.why_not) if each.why_not else (plain(each.gain), with_unit(each.time_constant, "s"))
         )

@@ -125,9 +125,9 @@ def _ticks(
 
 def _span_of_phase(phase: Axes) -> tuple[float, float]:
     """From what is drawn as points or curves: a quarter of a turn at least, two turns at most."""
-    drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in phase.lines])
-    drawn = drawn[np.isfinite(drawn)]
-    low, high = max(float(drawn.min()), -540.0), min(float(drawn.max()), 180.0)
+    angles = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in phase.lines])
+    angles = angles[np.isfinite(angles)]
+    low, high = max(float(angles.min()), -540.0), min(float(angles.max()), 180.0)
     return min(low, high - 90.0) - 8, high + 8
 
 

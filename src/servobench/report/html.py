@@ -102,7 +102,11 @@ def _history(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
         "guarded_by": [
             (recording.name, rows) for recording in recordings if (rows := safety.guard_rows(recording))
         ],
-        "events": [found for recording in recordings if (found := events.events_of(recording)) is not None],
+        "events": [
+            event_table
+            for recording in recordings
+            if (event_table := events.events_of(recording)) is not None
+        ],
         "made_on": history.origin_facts(recordings),
     }
 
@@ -147,8 +151,8 @@ def _figures(result: Result) -> dict[str, Any]:
 def _timing(recordings: Sequence[Recording]) -> dict[str, Any]:
     """The lateness of the samples, where time passed."""
     runs = timing.latenesses(recordings)
-    drawn = timing.timing_figures(runs)
-    return {"timing": timing.timing_facts(runs), "timing_figures": _row(drawn) if drawn else []}
+    figures = timing.timing_figures(runs)
+    return {"timing": timing.timing_facts(runs), "timing_figures": _row(figures) if figures else []}
 
 
 def single(illustration: Illustration | None) -> DrawnFigure | None:

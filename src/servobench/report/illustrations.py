@@ -62,8 +62,8 @@ def residuals(fit: Fit) -> tuple[tuple[Illustration, ...], ...]:
     courses = tuple(_residual_course(record, len(fit.records) > 1) for record in shown)
     size = _residual_size(fit)
     quantum = fit.records[0].data.quantum
-    seen = quantum and fit.residual_sd < 5 * _ROUNDING * quantum
-    half_count = " The grey band is half a count on either side of zero." if seen else ""
+    is_band_visible = quantum and fit.residual_sd < 5 * _ROUNDING * quantum
+    half_count = " The grey band is half a count on either side of zero." if is_band_visible else ""
     over_time = Illustration(
         name="residual",
         title="Residual over time",

@@ -78,7 +78,8 @@ def _part(recording: Recording, number: int) -> _Part:
     support, missing, data = _support(recording)
     shown = channels_to_show(recording)
     spread = next(
-        (found for name in shown if (t := recording[name].t) is not None and (found := intervals(t))), None
+        (spacing for name in shown if (t := recording[name].t) is not None and (spacing := intervals(t))),
+        None,
     )
     drawings = [single(inspection_figures.over_time(recording, shown, number))]
     if spread is not None and not spread.is_even:

@@ -39,19 +39,19 @@ def over_time(recording: Recording, names: tuple[str, ...], number: int) -> Illu
     )
 
 
-def spacing(found: Intervals, number: int) -> Illustration:
+def spacing(intervals: Intervals, number: int) -> Illustration:
     """Return how the intervals between samples are spread."""
-    low, high = (with_unit(float(edge), "s", 3) for edge in (found.edges[0], found.edges[-1]))
+    low, high = (with_unit(float(edge), "s", 3) for edge in (intervals.edges[0], intervals.edges[-1]))
     beyond = ""
-    if found.beyond:
-        verb = "is" if found.beyond == 1 else "are"
-        beyond = f" {count_text(found.beyond, 'gap')} beyond {high} {verb} not shown."
+    if intervals.beyond:
+        verb = "is" if intervals.beyond == 1 else "are"
+        beyond = f" {count_text(intervals.beyond, 'gap')} beyond {high} {verb} not shown."
     return Illustration(
         name=f"intervals-{number}",
         title="Intervals between samples",
-        caption=f"Their median is {with_unit(found.median, 's', 4)}.{beyond}",
-        description=f"The intervals lie between {low} and {high}, most of them near {with_unit(found.median, 's', 3)}.",
-        draw=partial(_histogram, found),
+        caption=f"Their median is {with_unit(intervals.median, 's', 4)}.{beyond}",
+        description=f"The intervals lie between {low} and {high}, most of them near {with_unit(intervals.median, 's', 3)}.",
+        draw=partial(_histogram, intervals),
     )
 
 
@@ -81,18 +81,26 @@ def _words(series: Series) -> str:
     return f"{series.channel.name} lies between {low} and {high}."
 
 
-def _histogram(found: Intervals, style: Style) -> Figure:
+def _histogram(intervals: Intervals, style: Style) -> Figure:
     from matplotlib.ticker import NullLocator
 
-    factor, unit = handy_unit("s", float(found.edges[-1]))
+    factor, unit = handy_unit("s", float(intervals.edges[-1]))
     figure = sheet(style, _HEIGHT)
     ax = axes(figure, whole(style, _HEIGHT), style.palette, "Number of intervals (logarithmic)")
     ax.stairs(
-        found.counts, found.edges / factor, fill=True, color=style.palette.measured, linewidth=0, baseline=0.5
+        intervals.counts,
+        intervals.edges / factor,
+        fill=True,
+        color=style.palette.measured,
+        linewidth=0,
+        baseline=0.5,
     )
-    ax.axvline(found.median / factor, color=style.palette.model, linewidth=1.5)
+    ax.axvline(intervals.median / factor, color=style.palette.model, linewidth=1.5)
     ax.set_yscale("log")
-    ax.set(ylim=(0.5, 2.0 * max(float(found.counts.max()), 1.0)), xlim=tuple(found.edges[[0, -1]] / factor))
+    ax.set(
+        ylim=(0.5, 2.0 * max(float(intervals.counts.max()), 1.0)),
+        xlim=tuple(intervals.edges[[0, -1]] / factor),
+    )
     ax.yaxis.set_minor_locator(NullLocator())
     x_label(ax, f"interval ({unit})", style.palette)
     return figure

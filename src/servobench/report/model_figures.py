@@ -35,11 +35,11 @@ _DB = 20 / np.log(10)  # dB for one neper
 
 
 def bode(
-    band: FrequencyBand, unit: str, seen: tuple[float, float], corner: float | None, style: Style
+    band: FrequencyBand, unit: str, excited: tuple[float, float], corner: float | None, style: Style
 ) -> Figure:
     """Return magnitude and phase with their 95 % bands.
 
-    `unit` is the magnitude's; `seen` [rad/s] is the range of frequencies that the data can tell of, what lies outside is shaded;
+    `unit` is the magnitude's; `excited` [rad/s] is the range of frequencies that the data tell of; what lies outside is shaded;
     `corner` [rad/s] is marked.
     """
     palette = style.palette
@@ -55,7 +55,7 @@ def bode(
         (magnitude, db, _DB * band.magnitude_half),
         (phase, degrees, np.degrees(band.phase_half)),
     ):
-        _frequencies(ax, band.omega, seen, corner, palette)
+        _frequencies(ax, band.omega, excited, corner, palette)
         ax.fill_between(band.omega, y - half, y + half, color=palette.band, linewidth=0)
         ax.plot(band.omega, y, color=palette.model, linewidth=1.8)
     magnitude.tick_params(axis="x", labelbottom=False)
@@ -133,7 +133,7 @@ def _mark(ax: Axes, t: float, y: float, *, foot: float, palette: Palette) -> Non
 
 
 def _frequencies(
-    ax: Axes, omega: Array, seen: tuple[float, float], corner: float | None, palette: Palette
+    ax: Axes, omega: Array, frequency_range: tuple[float, float], corner: float | None, palette: Palette
 ) -> None:
     """A logarithmic axis of frequencies, with what the data can't tell shaded."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -144,7 +144,7 @@ def _frequencies(
     ax.xaxis.set_minor_locator(NullLocator())
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: plain(value)))
     ax.grid(True, axis="x", color=palette.rule, linewidth=1.0)
-    for low, high in ((omega[0], seen[0]), (seen[1], omega[-1])):
+    for low, high in ((omega[0], frequency_range[0]), (frequency_range[1], omega[-1])):
         if low < high:
             ax.axvspan(low, high, color=palette.shade, linewidth=0)
     if corner is not None:

@@ -41,12 +41,15 @@ def frequency_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration
     system = fit.model.transfer_function("speed")
     if not any(system.numerator):
         return None
-    seen = _frequency_range(fit)
+    frequency_range = _frequency_range(fit)
     sizes = [abs(pole) for pole in system.poles if pole != 0]
-    low, high = min([seen[0], *(size / 10 for size in sizes)]), max([seen[1], *(size * 10 for size in sizes)])
+    low, high = (
+        min([frequency_range[0], *(size / 10 for size in sizes)]),
+        max([frequency_range[1], *(size * 10 for size in sizes)]),
+    )
     band = frequency_band(fit, np.geomspace(low, high, _POINTS))
     corner = float(sizes[0]) if len(system.poles) == 1 and sizes else None
-    text = _band_words(band, seen)
+    text = _band_words(band, frequency_range)
     bandwidth = summary.quantity(
         "The bandwidth (the magnitude falls to 0.707 of its static value) is", derived["bandwidth"]
     )
@@ -56,10 +59,11 @@ def frequency_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration
         title="Frequency response from the input to the speed",
         caption=(
             f"{bandwidth} {text} Shaded frequencies are outside the data: below one cycle in the longest record, or "
-            f"above half the sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is inside)."
+            f"above half the sample rate ({plain(frequency_range[0], 3)} to {plain(frequency_range[1], 3)} rad/s is inside)."
         ).lstrip(),
         description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {text}",
-        draw=_measured_diagram(fit, band) or partial(model_figures.bode, band, system.unit, seen, corner),
+        draw=_measured_diagram(fit, band)
+        or partial(model_figures.bode, band, system.unit, frequency_range, corner),
     )
 
 
@@ -127,8 +131,8 @@ def _frequency_range(fit: Fit) -> tuple[float, float]:
     return 2 * np.pi / longest, np.pi / min(record.sample_time for record in records)
 
 
-def _band_words(band: FrequencyBand, seen: tuple[float, float]) -> str:
-    within = (band.omega >= seen[0]) & (band.omega <= seen[1])
+def _band_words(band: FrequencyBand, frequency_range: tuple[float, float]) -> str:
+    within = (band.omega >= frequency_range[0]) & (band.omega <= frequency_range[1])
     within = within if within.any() else np.ones_like(within)
     db = float(20 / np.log(10) * band.magnitude_half[within].max())
     degrees = float(np.degrees(band.phase_half[within].max()))

@@ -22,11 +22,16 @@ def guard_rows(recording: Recording) -> tuple[Row, ...]:
     from pydantic import ValidationError
 
     table = experiment_table(recording)
-    device, given = recording.info, table.get("limits")
-    if device is None or not isinstance(given, dict) or "watchdog" not in given or not _is_driven(device):
+    device, limits_table = recording.info, table.get("limits")
+    if (
+        device is None
+        or not isinstance(limits_table, dict)
+        or "watchdog" not in limits_table
+        or not _is_driven(device)
+    ):
         return ()
     try:
-        limits = Limits.model_validate(given)
+        limits = Limits.model_validate(limits_table)
         sample_time = quantity(table.get("experiment", {}).get("sample_time"), "s")
         watched = _monitors(limits, device, sample_time, recording)
     except (ValidationError, ValueError):  # limits written by hand, or for another device
@@ -75,5 +80,5 @@ def _watchdog(limits: Limits, recording: Recording) -> Row:
 
 
 def _text_of_limit(codes: tuple[str, ...], recording: Recording) -> str:
-    found = [finding.sentence for finding in recording.findings if finding.code in codes]
-    return found[0] if found else _NEVER
+    sentences = [finding.sentence for finding in recording.findings if finding.code in codes]
+    return sentences[0] if sentences else _NEVER

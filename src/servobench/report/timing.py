@@ -21,7 +21,11 @@ _PHASE = {"keep": "back to the schedule", "lose": "a new schedule from the late 
 
 def latenesses(recordings: Sequence[Recording]) -> tuple[Lateness, ...]:
     """Return the lateness of each recording in which time passed and was noted."""
-    return tuple(found for recording in recordings if (found := lateness(recording)) is not None)
+    return tuple(
+        recording_lateness
+        for recording in recordings
+        if (recording_lateness := lateness(recording)) is not None
+    )
 
 
 def timing_facts(runs: Sequence[Lateness]) -> tuple[tuple[str, tuple[Fact, ...]], ...]:

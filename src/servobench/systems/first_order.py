@@ -40,11 +40,13 @@ class FirstOrderMotor:
         """
         centre = np.array([self.gain.value, self.time_constant.value, self.delay])
         spread = np.where(np.isfinite(self.moments), self.moments, 0.0)
-        drawn = np.random.default_rng(7).multivariate_normal(centre, spread, size=count, check_valid="ignore")
-        drawn[:, 0] = np.where(drawn[:, 0] * centre[0] > 0, drawn[:, 0], centre[0])
-        drawn[:, 1] = np.where(drawn[:, 1] > 0, drawn[:, 1], centre[1])
-        drawn[:, 2] = np.maximum(drawn[:, 2], 0.0)
-        return drawn
+        parameters = np.random.default_rng(7).multivariate_normal(
+            centre, spread, size=count, check_valid="ignore"
+        )
+        parameters[:, 0] = np.where(parameters[:, 0] * centre[0] > 0, parameters[:, 0], centre[0])
+        parameters[:, 1] = np.where(parameters[:, 1] > 0, parameters[:, 1], centre[1])
+        parameters[:, 2] = np.maximum(parameters[:, 2], 0.0)
+        return parameters
 
 
 def scale_estimate(estimate: Estimate, factor: float, name: str) -> Estimate:

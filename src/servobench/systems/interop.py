@@ -222,5 +222,5 @@ def _control() -> Any:
 
 def _trim(coefficients: Any) -> tuple[float, ...]:
     """The coefficients without zeros in front; a single zero for the zero polynomial."""
-    kept = np.trim_zeros(np.atleast_1d(np.asarray(coefficients, dtype=np.float64)), "f")
-    return tuple(map(float, kept)) or (0.0,)
+    polynomial = np.trim_zeros(np.atleast_1d(np.asarray(coefficients, dtype=np.float64)), "f")
+    return tuple(map(float, polynomial)) or (0.0,)

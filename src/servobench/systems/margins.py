@@ -175,7 +175,7 @@ def _phase_crossovers_behind_delay(
     whole = np.floor(turns)
     crossed = np.flatnonzero(whole[1:] != whole[:-1])
     distances = [_nearest_to_one(loop, omega[n], omega[n + 1]) for n in crossed]
-    found: list[float] = []
+    crossings: list[float] = []
     best = math.inf
     for n, distance in sorted(zip(crossed, distances, strict=True), key=lambda pair: pair[1]):
         if distance > best:
@@ -183,9 +183,9 @@ def _phase_crossovers_behind_delay(
         for turn in range(int(min(whole[n], whole[n + 1])) + 1, int(max(whole[n], whole[n + 1])) + 1):
             level = _TURN * turn - math.pi
             at = crossing(partial(_above, phase, level), omega[n], omega[n + 1])
-            found.append(at)
+            crossings.append(at)
             best = min(best, apart(_factor(loop, at)))
-    return found
+    return crossings
 
 
 def _above(phase: Phase, level: float, omega: float) -> float:

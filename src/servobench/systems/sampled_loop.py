@@ -305,9 +305,9 @@ def _exponential(matrix: Array) -> Array:
 
 def _tangents(d: Array, h: float) -> Array:
     """The denominator in w: a pole p has become tanh(ph/2), one at zero stays there exactly."""
-    kept = np.trim_zeros(d, "b")
-    own = np.real(np.poly(np.tanh(0.5 * h * np.roots(kept)))) if len(kept) > 1 else np.ones(1)
-    return np.concatenate([np.atleast_1d(own), np.zeros(len(d) - len(kept))])
+    body = np.trim_zeros(d, "b")
+    own = np.real(np.poly(np.tanh(0.5 * h * np.roots(body)))) if len(body) > 1 else np.ones(1)
+    return np.concatenate([np.atleast_1d(own), np.zeros(len(d) - len(body))])
 
 
 def _adjugate_row(c: Array, a: Array, below: Array) -> Array:

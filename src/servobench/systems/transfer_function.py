@@ -37,12 +37,12 @@ class TransferFunction:
 
     def __post_init__(self) -> None:
         for name in ("numerator", "denominator"):
-            given = getattr(self, name)
-            if not isinstance(given, Sequence | np.ndarray) or not all(
-                isinstance(each, Real) for each in given
+            coefficients = getattr(self, name)
+            if not isinstance(coefficients, Sequence | np.ndarray) or not all(
+                isinstance(each, Real) for each in coefficients
             ):
                 raise UsageError(
-                    f"{name} is {text_of_value(given)}; expected numbers, highest power of s first"
+                    f"{name} is {text_of_value(coefficients)}; expected numbers, highest power of s first"
                 )
         check_type("delay", self.delay, Real, "a number of seconds")
         values = (*self.numerator, *self.denominator, self.delay)

@@ -96,13 +96,13 @@ def identify(
             raise PartialStop(
                 f"interrupted: {done} of {due} done and kept in {out}; the same command goes on with the others"
             ) from None
-        found, document = conclude_fleet(
+        fleet, document = conclude_fleet(
             source, out, settings, wanted, progress, summary.others, context.obj or ""
         )
-    show_fleet(messages() if as_json else output(), found, summary, out)
+    show_fleet(messages() if as_json else output(), fleet, summary, out)
     if as_json:
         print_json(document)
-    raise typer.Exit(status_of_fleet(found))
+    raise typer.Exit(status_of_fleet(fleet))
 
 
 def settings_from(

@@ -85,8 +85,8 @@ def watch(
             say(output(), f"ended; {len(results.stamps())} motors in {out}")
     with Progress() as progress:
         if not results.is_empty:
-            found, _ = conclude_fleet(str(folder), out, settings, wanted, progress, (), context.obj or "")
-            raise typer.Exit(status_of_fleet(found))
+            fleet, _ = conclude_fleet(str(folder), out, settings, wanted, progress, (), context.obj or "")
+            raise typer.Exit(status_of_fleet(fleet))
 
 
 def _follow(
@@ -113,8 +113,8 @@ def _follow(
             began = time.monotonic()
             whole = arrivals.look(began)
             took = time.monotonic() - began
-            for item, found in pool.results(whole):
-                row = row_or_reason(item, pattern, found)
+            for item, outcome in pool.results(whole):
+                row = row_or_reason(item, pattern, outcome)
                 results.replace(row, row["file"] in done)
                 done[row["file"]] = row["stamp"]
                 say(console, _line(row, limits))

@@ -63,18 +63,18 @@ def do(
         )
     check_free(page, "--page", [recording], overwrite)
     exercise = exercise_by_name(name, folder)
-    given = _answers(answers or ())
-    for blank in given:
+    answers_by_blank = _answers(answers or ())
+    for blank in answers_by_blank:
         exercise.blank(blank)  # a misspelt one is an error before anything is run
     with Progress() as progress, announce_compiling(progress), terminate_like_ctrl_c():
         progress.begin(f"doing {exercise.name}")
         stand = stand_of_recording(exercise, recording) if recording else motor_stand(exercise, device)
-        worked = WorkedExercise(exercise=exercise, stand=stand, given=given)
+        worked = WorkedExercise(exercise=exercise, stand=stand, given=answers_by_blank)
         answered = to_dict([worked], solution=solution)
         if page is not None:
             write_exercise(worked, page, solution=solution, studies=studies)
     console = messages() if as_json else output()
-    if given:
+    if answers_by_blank:
         show_checked(console, worked)
     else:
         show_worked(console, worked, solution=solution, studies=studies)
@@ -88,14 +88,14 @@ def do(
 def _answers(texts: Sequence[str]) -> dict[str, str]:
     from servobench.core.errors import UsageError
 
-    given: dict[str, str] = {}
+    answers_by_blank: dict[str, str] = {}
     for blank, value in map(_answer, texts):
-        if blank in given:
+        if blank in answers_by_blank:
             raise UsageError(
-                f"--answer has two for {blank!r}, {given[blank]!r} and {value!r}; leave one of them out"
+                f"--answer has two for {blank!r}, {answers_by_blank[blank]!r} and {value!r}; leave one of them out"
             )
-        given[blank] = value
-    return given
+        answers_by_blank[blank] = value
+    return answers_by_blank
 
 
 def _answer(text: str) -> tuple[str, str]:

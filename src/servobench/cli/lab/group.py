@@ -43,15 +43,15 @@ def about() -> None:
 
 def _new_form(words: Sequence[str]) -> str:
     """The new form of a command line from the time when `servobench lab` was a single command."""
-    given = {word.partition("=")[0] for word in words}
+    options = {word.partition("=")[0] for word in words}
     name = words[0] if words and not words[0].startswith("-") else "NAME"
-    if "--marks" in given:
+    if "--marks" in options:
         return f"mark {name} ROSTER.csv --secret FILE --forms DIR --marks MARKS.csv"
-    if "--assess" in given:
+    if "--assess" in options:
         return f"assess {name} ROSTER.csv --secret FILE"
-    if "--all" in given:
+    if "--all" in options:
         return "page"
-    if not given or (name == "NAME" and given <= {"--folder", words[-1]}):
+    if not options or (name == "NAME" and options <= {"--folder", words[-1]}):
         return "list"
-    answer = " --answer BLANK=VALUE" if "--answers" in given else ""
-    return f"do {name}{answer}{' --page PAGE.html' if '--out' in given else ''}"
+    answer = " --answer BLANK=VALUE" if "--answers" in options else ""
+    return f"do {name}{answer}{' --page PAGE.html' if '--out' in options else ''}"

@@ -24,21 +24,23 @@ def list_exercises(folder: Folder = None, as_json: AsJson = False) -> None:
     from servobench.lab.exercise_file import exercise, names
 
     where = exercise_folder(folder)
-    found: list[Exercise] = []
+    exercises: list[Exercise] = []
     mistakes: list[str] = []
     for name in names(where):
         try:
-            found.append(exercise(name, where))
+            exercises.append(exercise(name, where))
         except ServobenchError as error:  # one file with a mistake doesn't hide the others
             mistakes.append(str(error))
-    if not found and not mistakes:
+    if not exercises and not mistakes:
         raise UsageError(f"there are no exercises in {where}; expected files NAME.md")
-    found.sort(key=lambda each: (each.order, each.name))
+    exercises.sort(key=lambda each: (each.order, each.name))
     if as_json:
-        members = [Member(name=each.name, sentence=_subject(each)) for each in found]
+        members = [Member(name=each.name, sentence=_subject(each)) for each in exercises]
         list_members("exercise", members, None, as_json)
     else:
-        show_table(output(), ("name", "what it is about"), [(each.name, _subject(each)) for each in found])
+        show_table(
+            output(), ("name", "what it is about"), [(each.name, _subject(each)) for each in exercises]
+        )
     if mistakes:
         raise UsageError("\n".join(mistakes))
 

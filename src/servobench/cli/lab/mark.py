@@ -60,12 +60,12 @@ def mark(
     check_there_are_forms(handed_in, unread, forms)
     with Progress() as progress, announce_compiling(progress), terminate_like_ctrl_c():
         progress.begin(f"marking {len(students)} students in {exercise.name}")
-        found = marks_of(assessment, students, handed_in, progress.advance)
-    write_page(marks_table(found), marks)
+        class_marks = marks_of(assessment, students, handed_in, progress.advance)
+    write_page(marks_table(class_marks), marks)
     console = messages() if as_json else output()
-    _show_marks(console, found, (*unread, *found.stray), marks)
+    _show_marks(console, class_marks, (*unread, *class_marks.stray), marks)
     if as_json:
-        print_json(_marks_as_data(exercise, found, (*unread, *found.stray)))
+        print_json(_marks_as_data(exercise, class_marks, (*unread, *class_marks.stray)))
 
 
 def _check_places(marks: Path, forms: Path, roster: Path) -> None:
@@ -83,12 +83,12 @@ def _check_places(marks: Path, forms: Path, roster: Path) -> None:
         raise UsageError(f"--marks {marks}: is the roster; give another name")
 
 
-def _show_marks(console: Console, found: Marks, stray: Sequence[str], marks: Path) -> None:
+def _show_marks(console: Console, class_marks: Marks, stray: Sequence[str], marks: Path) -> None:
     from servobench.cli.layout import show_table
     from servobench.cli.terminal import printable, say
 
     rows: list[Any] = []
-    for each in found.students:
+    for each in class_marks.students:
         wrong = [f"{m.blank} {m.verdict}" for m in each.marks if m.verdict in ("wrong", "missing")]
         notes = "; ".join((*each.notes, *([", ".join(wrong)] if wrong and each.points else [])))
         rows.append((printable(each.student), f"{each.points} of {each.total}", printable(notes)))
@@ -98,7 +98,7 @@ def _show_marks(console: Console, found: Marks, stray: Sequence[str], marks: Pat
     say(console, f"\nmarks: {marks}")
 
 
-def _marks_as_data(exercise: Exercise, found: Marks, stray: Sequence[str]) -> dict[str, Any]:
+def _marks_as_data(exercise: Exercise, class_marks: Marks, stray: Sequence[str]) -> dict[str, Any]:
     return {
         "schema": MARKS,
         "exercise": exercise.name,
@@ -113,7 +113,7 @@ def _marks_as_data(exercise: Exercise, found: Marks, stray: Sequence[str]) -> di
                 ],
                 "notes": list(each.notes),
             }
-            for each in found.students
+            for each in class_marks.students
         ],
         "stray": list(stray),
     }

@@ -44,8 +44,8 @@ def page(
     from servobench.lab.worked_exercise import WorkedExercise
 
     where = exercise_folder(folder)
-    found = [exercise_by_name(name, folder) for name in dict.fromkeys(names or ())] or exercises(where)
-    if not found:
+    selection = [exercise_by_name(name, folder) for name in dict.fromkeys(names or ())] or exercises(where)
+    if not selection:
         raise UsageError(f"there are no exercises in {where}; expected files NAME.md")
     with (
         empty_folder(out, "lab", datetime.now()) as target,
@@ -53,7 +53,7 @@ def page(
         announce_compiling(progress),
         terminate_like_ctrl_c(),
     ):
-        lab = [WorkedExercise(exercise=each, stand=motor_stand(each, device), given={}) for each in found]
+        lab = [WorkedExercise(exercise=each, stand=motor_stand(each, device), given={}) for each in selection]
         progress.begin(f"doing {len(lab)} exercises")
 
         def show_progress(number: int, worked: WorkedExercise) -> None:

@@ -97,13 +97,13 @@ class _Plain(Markdown):
 
 
 def _without_blanks_at_the_end(line: Iterable[Segment]) -> list[Segment]:
-    kept = list(line)
-    while kept and not kept[-1].text.strip():
-        kept.pop()
-    if kept:
-        last = kept[-1]
-        kept[-1] = Segment(last.text.rstrip(), last.style, last.control)
-    return kept
+    segments = list(line)
+    while segments and not segments[-1].text.strip():
+        segments.pop()
+    if segments:
+        last = segments[-1]
+        segments[-1] = Segment(last.text.rstrip(), last.style, last.control)
+    return segments
 
 
 def _show_items(console: Console, items: Sequence[PaperItem]) -> None:

@@ -23,10 +23,10 @@ _WRONG_USAGE = 2
 def main(arguments: list[str] | None = None) -> int:
     """Run the program that the command line names, and return the exit status."""
     parser = _parser()
-    given = parser.parse_args(arguments)
-    if given.hand and not given.pendulum:
+    options = parser.parse_args(arguments)
+    if options.hand and not options.pendulum:
         parser.error("--hand needs --pendulum: there is nothing to lift or to hold on a disc")
-    script = Path(given.script)
+    script = Path(options.script)
     if not script.is_file():
         sys.stderr.write(
             f"{script} is a folder; name the program in it\n"
@@ -34,14 +34,14 @@ def main(arguments: list[str] | None = None) -> int:
             else f"no such file: {script}\n"
         )
         return _WRONG_USAGE
-    program = Program(given.script)
-    _bench(given, program)
-    sys.argv = [given.script, *given.arguments]
+    program = Program(options.script)
+    _bench(options, program)
+    sys.argv = [options.script, *options.arguments]
     sys.path[0] = str(script.resolve().parent)
     return program.run()
 
 
-def _bench(given: argparse.Namespace, program: Program) -> None:
+def _bench(options: argparse.Namespace, program: Program) -> None:
     """Install the stand-in; what ends it is registered first, so that it runs after all that the program registers."""
     from servobench.compat.quanser import install
 
@@ -52,11 +52,11 @@ def _bench(given: argparse.Namespace, program: Program) -> None:
         "none": "hanging",
     }
     bench = install(
-        time="real" if given.real_time else "simulated",
-        mounted=mounted[given.hand] if given.pendulum else "disc",
-        has_watchdog=not given.no_watchdog,
+        time="real" if options.real_time else "simulated",
+        mounted=mounted[options.hand] if options.pendulum else "disc",
+        has_watchdog=not options.no_watchdog,
     )
-    bench.unplug_at = given.unplug
+    bench.unplug_at = options.unplug
     process = os.getpid()
 
     def finish() -> None:

@@ -61,7 +61,7 @@ def whole_number(number: object, name: str) -> int:
         raise TypeError(f"{name} is {number!r}; expected a whole number") from None
 
 
-def channels(given: object, count: object, name: str, missing: Code) -> tuple[int, ...]:
+def channels(numbers: object, count: object, name: str, missing: Code) -> tuple[int, ...]:
     """Return the numbers of the channels; () for none. `missing` is the error where there are fewer than `count`."""
     number = whole_number(count, f"the number of {name}")
     if number < 0:
@@ -70,26 +70,26 @@ def channels(given: object, count: object, name: str, missing: Code) -> tuple[in
         )
     if number == 0:
         return ()
-    if given is None:
+    if numbers is None:
         raise hil_error(missing)
-    return tuple(int(value) for value in values(given, number, CHANNEL, name, missing))
+    return tuple(int(value) for value in values(numbers, number, CHANNEL, name, missing))
 
 
-def values(given: object, count: int, kind: CType, name: str, missing: Code) -> NDArray[Any]:
+def values(raw: object, count: int, kind: CType, name: str, missing: Code) -> NDArray[Any]:
     """Return the first `count` values of an array that the caller hands in; shape (count,)."""
     if count <= 0:
         return np.empty(0, kind.dtype)
-    if given is None:
+    if raw is None:
         raise hil_error(missing)
-    array = _flat(given, name)
+    array = _flat(raw, name)
     _check_size(array, count, kind, name, missing)
     meant = array[:count]
     if kind.is_exactly(array.dtype) or kind.is_long(array.dtype):
         return meant
-    seen = np.frombuffer(array.tobytes()[: count * kind.dtype.itemsize], kind.dtype)
+    raw_values = np.frombuffer(array.tobytes()[: count * kind.dtype.itemsize], kind.dtype)
     if kind.is_raw(array.dtype):
-        return seen
-    if len(meant) < count or not np.array_equal(seen, meant):
+        return raw_values
+    if len(meant) < count or not np.array_equal(raw_values, meant):
         raise _wrong_type(array, kind, name, missing)
     return meant
 
@@ -111,34 +111,34 @@ class Output:
         """Write the results."""
         if self.array is None:
             return
-        found = np.fromiter(results, self.kind.dtype, self.count)
+        numbers = np.fromiter(results, self.kind.dtype, self.count)
         if self.kind.is_exactly(self.array.dtype) or self.kind.is_long(self.array.dtype):
-            self.array[: self.count] = found
+            self.array[: self.count] = numbers
         elif self.kind.is_raw(self.array.dtype):
-            self.array[: found.nbytes] = np.frombuffer(found.tobytes(), self.array.dtype)
+            self.array[: numbers.nbytes] = np.frombuffer(numbers.tobytes(), self.array.dtype)
         else:
-            self._fill_bytes(found)
+            self._fill_bytes(numbers)
 
-    def _fill_bytes(self, found: NDArray[Any]) -> None:
+    def _fill_bytes(self, numbers: NDArray[Any]) -> None:
         """Write what fits in by luck: a boolean into the lowest byte of a wider integer."""
         array = self.array
         if array is None:
             return
         written = bytearray(array.tobytes())
-        written[: found.nbytes] = found.tobytes()
-        seen = np.frombuffer(bytes(written), array.dtype)
-        if not np.array_equal(seen[: self.count], found):
+        written[: numbers.nbytes] = numbers.tobytes()
+        caller_values = np.frombuffer(bytes(written), array.dtype)
+        if not np.array_equal(caller_values[: self.count], numbers):
             raise _wrong_type(array, self.kind, self.name, self.missing)
-        array[:] = seen
+        array[:] = caller_values
 
 
-def output(given: object, count: int, kind: CType, name: str, missing: Code) -> Output:
+def output(raw: object, count: int, kind: CType, name: str, missing: Code) -> Output:
     """Return the caller's array for `count` results; raises `HILError` where it is too short or of a type that doesn't fit."""
     if count <= 0:
         return Output(None, 0, kind, name, missing)
-    if given is None:
+    if raw is None:
         raise hil_error(missing)
-    array = _flat(given, name)
+    array = _flat(raw, name)
     _check_size(array, count, kind, name, missing)
     if not array.flags.writeable:
         raise hil_error(missing, f"{name}: the array is read-only.")
@@ -150,13 +150,13 @@ def output(given: object, count: int, kind: CType, name: str, missing: Code) -> 
     return Output(array, count, kind, name, missing)
 
 
-def _flat(given: object, name: str) -> NDArray[Any]:
+def _flat(buffer: object, name: str) -> NDArray[Any]:
     """The caller's own memory, as an array of one dimension."""
     try:
-        view = memoryview(given)  # type: ignore[arg-type]
+        view = memoryview(buffer)  # type: ignore[arg-type]
     except TypeError:
         raise TypeError(
-            f"{name}: expected an array with a buffer (array.array or numpy), got {type(given).__name__}"
+            f"{name}: expected an array with a buffer (array.array or numpy), got {type(buffer).__name__}"
         ) from None
     if not view.c_contiguous:
         raise ValueError(f"{name}: the array isn't contiguous; pass a copy of it")
@@ -182,8 +182,8 @@ def _size(array: NDArray[Any]) -> str:
 
 def finite(voltages: Sequence[float] | NDArray[Any], name: str) -> tuple[float, ...]:
     """Return values that are numbers; raises `HILError` for NaN and infinities, which a board's limits don't stop."""
-    found = tuple(float(value) for value in voltages)
-    for value in found:
+    numbers = tuple(float(value) for value in voltages)
+    for value in numbers:
         if not np.isfinite(value):
             raise hil_error(Code.OUT_OF_RANGE, f"{name}: {value} isn't a finite number.")
-    return found
+    return numbers

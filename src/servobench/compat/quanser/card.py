@@ -78,8 +78,8 @@ class Card:
         board = self._board()
         count = self._output_count((channels, num_channels), 0)
         lowest, highest = (
-            finite(values(given, count, DOUBLE, "ranges", Code.INVALID_ARGUMENT), "range")
-            for given in (minima, maxima)
+            finite(values(limits, count, DOUBLE, "ranges", Code.INVALID_ARGUMENT), "range")
+            for limits in (minima, maxima)
         )
         _check_ranges(lowest, highest)
         if count:
@@ -110,9 +110,9 @@ class Card:
     def set_encoder_counts(self, channels: Any, num_channels: Any, counts: Any) -> None:
         """Let counters show these numbers from now on."""
         board, chosen = self._encoders(channels, num_channels)
-        given = values(counts, len(chosen), INT, "counts", Code.MISSING_ENCODER_INPUT_BUFFER)
+        numbers = values(counts, len(chosen), INT, "counts", Code.MISSING_ENCODER_INPUT_BUFFER)
         with board.call():
-            for channel, number in zip(chosen, given, strict=True):
+            for channel, number in zip(chosen, numbers, strict=True):
                 counter = board.motion.counters[channel]
                 if not -counter.half_range <= number < counter.half_range:
                     raise hil_error(Code.OUT_OF_RANGE, f"{number} is beyond the range of counter {channel}.")
@@ -128,11 +128,11 @@ class Card:
     def set_encoder_quadrature_mode(self, channels: Any, num_channels: Any, modes: Any) -> None:
         """Choose how many edges of an encoder's lines are counted; without quadrature it is one."""
         board, chosen = self._encoders(channels, num_channels)
-        given = values(modes, len(chosen), INT, "modes", Code.INVALID_ARGUMENT)
-        if any(mode not in (0, 1, 2, 4) for mode in given):
+        mode_values = values(modes, len(chosen), INT, "modes", Code.INVALID_ARGUMENT)
+        if any(mode not in (0, 1, 2, 4) for mode in mode_values):
             raise hil_error(Code.INVALID_ARGUMENT, "the quadrature mode is one of 0, 1, 2 and 4.")
         with board.call():
-            for channel, mode in zip(chosen, given, strict=True):
+            for channel, mode in zip(chosen, mode_values, strict=True):
                 board.motion.counters[channel].count_edges(max(int(mode), 1), board.motion.angles[channel])
 
     def set_pwm_mode(self, channels: Any, num_channels: Any, modes: Any) -> None:
@@ -148,16 +148,16 @@ class Card:
     ) -> None:
         """Choose how PWM outputs work together; the motor feels their mean alone."""
         count = self._output_count((channels, num_channels), 1)
-        for given in (configurations, alignments, polarities):
-            values(given, count, INT, "configurations", Code.INVALID_ARGUMENT)
+        for codes in (configurations, alignments, polarities):
+            values(codes, count, INT, "configurations", Code.INVALID_ARGUMENT)
 
     def set_pwm_deadband(
         self, channels: Any, num_channels: Any, leading_edge_deadband: Any, trailing_edge_deadband: Any
     ) -> None:
         """Choose the dead times of paired PWM outputs [s]; the motor feels the mean voltage alone."""
         count = self._output_count((channels, num_channels), 1)
-        for given in (leading_edge_deadband, trailing_edge_deadband):
-            values(given, count, DOUBLE, "dead times", Code.INVALID_ARGUMENT)
+        for dead_times in (leading_edge_deadband, trailing_edge_deadband):
+            values(dead_times, count, DOUBLE, "dead times", Code.INVALID_ARGUMENT)
 
     def set_pwm_frequency(self, channels: Any, num_channels: Any, frequencies: Any) -> None:
         """Choose the frequency of PWM outputs [Hz]; the motor feels their mean alone."""
@@ -180,9 +180,9 @@ class Card:
         with board.call():
             board.set_options(text[: whole_number(size, "the size of the options")])
 
-    def _encoders(self, given: Any, count: Any) -> tuple[Board, tuple[int, ...]]:
+    def _encoders(self, channels: Any, count: Any) -> tuple[Board, tuple[int, ...]]:
         board = self._board()
-        return board, groups.inputs(board.layout, groups.one_group(1, given, count)).second
+        return board, groups.inputs(board.layout, groups.one_group(1, channels, count)).second
 
     def _input_count(self, channels: tuple[Any, Any], place: int) -> int:
         board = self._board()
@@ -194,9 +194,9 @@ class Card:
             tuple(groups.outputs(board.layout, groups.one_group(place, *channels), pwm=board.pwm))[place]
         )
 
-    def _input_values(self, channels: Any, count: Any, given: Any, kind: Any) -> Any:
+    def _input_values(self, channels: Any, count: Any, buffer: Any, kind: Any) -> Any:
         number = self._input_count((channels, count), 0)
-        return values(given, number, kind, "values", Code.INVALID_ARGUMENT)
+        return values(buffer, number, kind, "values", Code.INVALID_ARGUMENT)
 
 
 def _check_ranges(lowest: Any, highest: Any) -> None:

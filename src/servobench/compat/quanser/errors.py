@@ -97,10 +97,10 @@ def sentence(code: int) -> str:
     """Return what an error of that number, with or without its sign, means."""
     if abs(code) not in [known.value for known in Code]:
         return f"An error of the number {abs(code)}, which the stand-in doesn't know."
-    found = Code(abs(code))
-    if found in SENTENCES:
-        return SENTENCES[found]
-    words = found.name.lower().split("_")
+    member = Code(abs(code))
+    if member in SENTENCES:
+        return SENTENCES[member]
+    words = member.name.lower().split("_")
     if words[-1] == "buffer":
         return f"The buffer for the {words[1]} {words[2]}s is missing or doesn't fit."
     if words[0] == "missing":

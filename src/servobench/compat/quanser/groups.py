@@ -68,35 +68,37 @@ def outputs(layout: Layout, channels: GroupChannels, *, pwm: bool) -> Groups:
 def _groups(
     requested: GroupChannels, known: Sequence[Sequence[int]], kinds: Sequence[str], way: str
 ) -> Groups:
-    found = {}
-    for name, kind, exist, (given, count) in zip(_NAMES, kinds, known, requested, strict=True):
-        found[name] = channels(given, count, f"{kind} channels", Code[f"MISSING_{kind.upper()}_{way}S"])
-        for channel in found[name]:
+    channels_by_group = {}
+    for name, kind, exist, (array, count) in zip(_NAMES, kinds, known, requested, strict=True):
+        channels_by_group[name] = channels(
+            array, count, f"{kind} channels", Code[f"MISSING_{kind.upper()}_{way}S"]
+        )
+        for channel in channels_by_group[name]:
             if channel not in exist:
                 raise hil_error(Code[f"INVALID_{kind.upper()}_{way}"], f"Channel {channel}.")
-    return Groups(**found)
+    return Groups(**channels_by_group)
 
 
 def results(groups: Groups, arrays: Sequence[object], samples: int = 1) -> tuple[Output, ...]:
     """Return the caller's arrays for what is read, checked before anything is."""
     return tuple(
         output(
-            given,
+            array,
             len(channels) * samples,
             kind,
             f"{name} buffer",
             Code[f"MISSING_{name.upper()}_INPUT_BUFFER"],
         )
-        for given, channels, kind, name in zip(arrays, groups, _IN_TYPES, _INPUTS, strict=True)
+        for array, channels, kind, name in zip(arrays, groups, _IN_TYPES, _INPUTS, strict=True)
     )
 
 
 def fill(outputs: Sequence[Output], rows: Sequence[Row]) -> None:
     """Write rows into the caller's arrays, sample after sample."""
-    for number, found in enumerate(outputs):
-        if found.count:
+    for number, target in enumerate(outputs):
+        if target.count:
             flat = [value for row in rows for value in row[number]]
-            Output(found.array, len(flat), found.kind, found.name, found.missing).fill(flat)
+            Output(target.array, len(flat), target.kind, target.name, target.missing).fill(flat)
 
 
 def rows(groups: Groups, arrays: Sequence[object], samples: int = 1) -> list[Row]:
@@ -104,7 +106,7 @@ def rows(groups: Groups, arrays: Sequence[object], samples: int = 1) -> list[Row
     flat = [
         finite(
             values(
-                given,
+                array,
                 len(channels) * samples,
                 kind,
                 f"{name} buffer",
@@ -112,7 +114,7 @@ def rows(groups: Groups, arrays: Sequence[object], samples: int = 1) -> list[Row
             ),
             f"{name} output",
         )
-        for given, channels, kind, name in zip(arrays, groups, _OUT_TYPES, _OUTPUTS, strict=True)
+        for array, channels, kind, name in zip(arrays, groups, _OUT_TYPES, _OUTPUTS, strict=True)
     ]
     widths = [len(channels) for channels in groups]
     return [_sample(flat, widths, number) for number in range(samples)]
@@ -121,5 +123,6 @@ def rows(groups: Groups, arrays: Sequence[object], samples: int = 1) -> list[Row
 def _sample(flat: Sequence[tuple[float, ...]], widths: Sequence[int], number: int) -> Row:
     """The values of one sample, out of those of all."""
     return tuple(
-        found[number * width : (number + 1) * width] for found, width in zip(flat, widths, strict=True)
+        group_values[number * width : (number + 1) * width]
+        for group_values, width in zip(flat, widths, strict=True)
     )

@@ -16,9 +16,9 @@ from servobench.compat.quanser.groups import GroupChannels
 
 def _read(board: Board, channels: GroupChannels, arrays: tuple[Any, ...]) -> None:
     chosen = groups.inputs(board.layout, channels)
-    found = groups.results(chosen, arrays)
+    buffers = groups.results(chosen, arrays)
     with board.call():
-        groups.fill(found, [board.latch(chosen)])
+        groups.fill(buffers, [board.latch(chosen)])
 
 
 def _write(board: Board, channels: GroupChannels, arrays: tuple[Any, ...]) -> None:
@@ -33,14 +33,14 @@ def _read_write(
     in_channels: GroupChannels,
     out_channels: GroupChannels,
     arrays: tuple[Any, ...],
-    given: tuple[Any, ...],
+    output_arrays: tuple[Any, ...],
 ) -> None:
     """Read, then write, in one call."""
     inputs = groups.inputs(board.layout, in_channels)
     outputs = groups.outputs(board.layout, out_channels, pwm=board.pwm)
-    found, row = groups.results(inputs, arrays), groups.rows(outputs, given)[0]
+    buffers, row = groups.results(inputs, arrays), groups.rows(outputs, output_arrays)[0]
     with board.call():
-        groups.fill(found, [board.latch(inputs)])
+        groups.fill(buffers, [board.latch(inputs)])
         board.put(outputs, row)
 
 
@@ -48,11 +48,16 @@ class Immediate(Card):
     """A board that is read and written at once."""
 
     def _exchange(
-        self, place: int, inputs: tuple[Any, Any], outputs: tuple[Any, Any], found: Any, given: Any
+        self,
+        place: int,
+        inputs: tuple[Any, Any],
+        outputs: tuple[Any, Any],
+        input_buffer: Any,
+        output_buffer: Any,
     ) -> None:
         """Read inputs, then write outputs, each of one group: channels and their number."""
         asked, wanted = groups.one_group(place, *inputs), groups.one_group(place, *outputs)
-        arrays = groups.one_array(place, found), groups.one_array(place, given)
+        arrays = groups.one_array(place, input_buffer), groups.one_array(place, output_buffer)
         _read_write(self._board(), asked, wanted, *arrays)
 
     def read_analog(self, channels: Any, num_channels: Any, buffer: Any) -> None:
@@ -63,9 +68,9 @@ class Immediate(Card):
         """Read analog inputs as the converter gives them."""
         board = self._board()
         chosen = groups.inputs(board.layout, groups.one_group(0, channels, num_channels))
-        found = output(buffer, len(chosen.analog), INT, "analog buffer", Code.MISSING_ANALOG_INPUT_BUFFER)
+        target = output(buffer, len(chosen.analog), INT, "analog buffer", Code.MISSING_ANALOG_INPUT_BUFFER)
         with board.call():
-            found.fill(round(current / board.motion.current_step) for current in board.latch(chosen)[0])
+            target.fill(round(current / board.motion.current_step) for current in board.latch(chosen)[0])
 
     def read_encoder(self, channels: Any, num_channels: Any, buffer: Any) -> None:
         """Read encoders [counts]: 0 is the motor's, 1 the pendulum's."""
@@ -248,5 +253,5 @@ class Immediate(Card):
             (other_output_channels, num_other_output_channels),
         )
         arrays = (analog_input_buffer, encoder_input_buffer, digital_input_buffer, other_input_buffer)
-        given = (analog_output_buffer, pwm_output_buffer, digital_output_buffer, other_output_buffer)
-        _read_write(self._board(), in_channels, out_channels, arrays, given)
+        output_arrays = (analog_output_buffer, pwm_output_buffer, digital_output_buffer, other_output_buffer)
+        _read_write(self._board(), in_channels, out_channels, arrays, output_arrays)

@@ -11,7 +11,7 @@ from servobench.compat.quanser.card import Version
 from servobench.compat.quanser.enumerations import ENDLESS, MAX_STRING_LENGTH
 from servobench.compat.quanser.hil import HIL
 
-_NAMES = {name: found for name, found in vars(enumerations).items() if isinstance(found, type)}
+_NAMES = {name: value for name, value in vars(enumerations).items() if isinstance(value, type)}
 _ERRORS = ("communications.StreamError", "devices.DeviceError", "multimedia.MediaError")
 
 
@@ -114,16 +114,16 @@ def replace_modules() -> dict[str, ModuleType | None]:
     """Put the stand-in's modules in place, and return those that were there, None for those that weren't."""
     made = modules()
     real = {name for name in sys.modules if name == "quanser" or name.startswith("quanser.")}
-    kept = {name: sys.modules.get(name) for name in (*made, *real)}
+    originals = {name: sys.modules.get(name) for name in (*made, *real)}
     for name in real:
         del sys.modules[name]
     sys.modules.update(made)
-    return kept
+    return originals
 
 
-def restore_modules(kept: dict[str, ModuleType | None]) -> None:
+def restore_modules(previous: dict[str, ModuleType | None]) -> None:
     """Put the modules back that were there."""
-    for name, module in kept.items():
+    for name, module in previous.items():
         if module is None:
             sys.modules.pop(name, None)
         else:

@@ -33,11 +33,11 @@ class Program:
         except SystemExit:
             raise
         except BaseException as error:
-            found = error
+            failure = error
         else:
             return 0
         # Outside of the handler, as where Python calls the hook.
-        return self._report(found)
+        return self._report(failure)
 
     def _report(self, error: BaseException) -> int:
         """Show what ended it, by the program's hook if it has one."""

@@ -36,14 +36,14 @@ def _integers(board: Board) -> dict[int, int]:
 
 
 def _text(board: Board, code: int) -> str:
-    found = {
+    texts = {
         **_TEXTS,
         StringProperty.PRODUCT_NAME: f"{board.layout.title} (stand-in)",
         StringProperty.MODEL_NAME: board.address.card_type,
     }
-    if code not in found:
+    if code not in texts:
         raise hil_error(Code.INVALID_ARGUMENT, f"there is no text property {code}.")
-    return found[code]
+    return texts[code]
 
 
 class Properties(Card):
@@ -54,13 +54,13 @@ class Properties(Card):
         board = self._board()
         count = whole_number(num_properties, "num_properties")
         numbers = values(properties, count, INT, "properties", Code.INVALID_ARGUMENT)
-        found = output(buffer, count, INT, "property buffer", Code.INVALID_ARGUMENT)
+        target = output(buffer, count, INT, "property buffer", Code.INVALID_ARGUMENT)
         with board.call(guarded=False):
             known = _integers(board)
             for code in numbers:
                 if code not in known:
                     raise hil_error(Code.INVALID_ARGUMENT, f"there is no whole-number property {code}.")
-            found.fill(known[code] for code in numbers)
+            target.fill(known[code] for code in numbers)
 
     def get_double_property(self, properties: Any, num_properties: Any, buffer: Any) -> None:
         """Fetch properties that are other numbers; a QUBE has none."""

@@ -174,12 +174,12 @@ class TaskCalls(Card):
 
     def task_start(self, task: Any, clock: Any, frequency: Any, num_samples: Any) -> None:
         """Start to tick with a frequency [Hz], for a number of samples."""
-        found = require(task)
+        task_or_pair = require(task)
         if whole_number(clock, "clock") not in _CLOCKS:
             raise hil_error(Code.CLOCK_NOT_SUPPORTED, f"clock {clock}; a QUBE has hardware clock 0.")
         count = whole_number(num_samples, "num_samples")
         with self._board().call() as now:
-            for part in parts(found):
+            for part in parts(task_or_pair):
                 part.start(now, float(frequency), count)
 
     def task_flush(self, task: Any) -> None:
@@ -192,9 +192,9 @@ class TaskCalls(Card):
 
     def task_stop(self, task: Any) -> None:
         """Stop to tick; the task can be started again."""
-        found = require(task)
+        task_or_pair = require(task)
         with self._board().call(guarded=False):
-            for part in parts(found):
+            for part in parts(task_or_pair):
                 part.stop()
 
     def task_stop_all(self) -> None:
@@ -206,9 +206,9 @@ class TaskCalls(Card):
 
     def task_delete(self, task: Any) -> None:
         """Delete a task; one that runs is stopped."""
-        board, found = self._board(), require(task)
+        board, task_or_pair = self._board(), require(task)
         with board.call(guarded=False):
-            for part in parts(found):
+            for part in parts(task_or_pair):
                 part.stop()
                 part.deleted = True
                 board.tasks.remove(part)
@@ -248,13 +248,13 @@ class TaskCalls(Card):
         if count > reader.size:
             raise hil_error(Code.TOO_MANY_SAMPLES, f"{count} of a buffer of {reader.size}.")
         arrays = (analog_buffer, encoder_buffer, digital_buffer, other_buffer)
-        found = groups.results(reader.groups, arrays, count)
+        buffers = groups.results(reader.groups, arrays, count)
         board = self._board()
         while True:
             with board.call(0.0) as now:
                 if reader.failed or reader.is_over() or len(reader.buffer) >= count:
                     rows = reader.take(count, now)
-                    groups.fill(found, rows)
+                    groups.fill(buffers, rows)
                     return len(rows)
                 moment = min(reader.time_of(count), board.watchdog.expires)
             board.timebase.wait_until(moment)

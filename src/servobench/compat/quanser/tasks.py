@@ -178,8 +178,8 @@ def parts(task: Task | Pair) -> tuple[Task, ...]:
 
 def reader_of(task: object) -> Task:
     """Return the reader of a task; raises `HILError` where it has none."""
-    found = require(task)
-    reader = found.reader if isinstance(found, Pair) else found
+    task_or_pair = require(task)
+    reader = task_or_pair.reader if isinstance(task_or_pair, Pair) else task_or_pair
     if reader.kind == "writer":
         raise hil_error(Code.READING_FROM_WRITER)
     return reader
@@ -187,8 +187,8 @@ def reader_of(task: object) -> Task:
 
 def writer_of(task: object) -> Task:
     """Return the writer of a task; raises `HILError` where it has none."""
-    found = require(task)
-    writer = found.writer if isinstance(found, Pair) else found
+    task_or_pair = require(task)
+    writer = task_or_pair.writer if isinstance(task_or_pair, Pair) else task_or_pair
     if writer.kind == "reader":
         raise hil_error(Code.WRITING_TO_READER)
     return writer

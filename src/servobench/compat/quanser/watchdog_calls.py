@@ -21,9 +21,9 @@ class WatchdogCalls(Card):
             raise hil_error(Code.FUNCTION_NOT_SUPPORTED, "This board has no watchdog.")
         return board
 
-    def _outputs(self, place: int, given: Any, count: Any) -> tuple[int, ...]:
+    def _outputs(self, place: int, channel_array: Any, count: Any) -> tuple[int, ...]:
         board = self._require_watchdog()
-        channels = groups.one_group(place, given, count)
+        channels = groups.one_group(place, channel_array, count)
         return tuple(groups.outputs(board.layout, channels, pwm=board.pwm))[place]
 
     def watchdog_set_analog_expiration_state(self, channels: Any, num_channels: Any, voltages: Any) -> None:
@@ -49,9 +49,11 @@ class WatchdogCalls(Card):
     def watchdog_set_other_expiration_state(self, channels: Any, num_channels: Any, states: Any) -> None:
         """Choose the light for when the watchdog expires."""
         chosen = self._outputs(3, channels, num_channels)
-        given = finite(values(states, len(chosen), DOUBLE, "states", Code.INVALID_ARGUMENT), "state")
+        light_states = finite(values(states, len(chosen), DOUBLE, "states", Code.INVALID_ARGUMENT), "state")
         watchdog = self._require_watchdog().watchdog
-        lights = dict(zip(LIGHTS, watchdog.lights, strict=True)) | dict(zip(chosen, given, strict=True))
+        lights = dict(zip(LIGHTS, watchdog.lights, strict=True)) | dict(
+            zip(chosen, light_states, strict=True)
+        )
         watchdog.lights = tuple(lights[channel] for channel in LIGHTS)
 
     def watchdog_start(self, timeout: Any) -> None:

@@ -23,12 +23,12 @@ from servobench.recordings.measurement.dataset import Dataset
 _ROUNDING = 1e-9
 
 
-def fit_to_computed(method: Estimator, data: Sequence[Dataset], found: Fit) -> Fit | None:
+def fit_to_computed(method: Estimator, data: Sequence[Dataset], fit: Fit) -> Fit | None:
     """Return the fit without friction of data that it explains to the last digit; None for data with any noise.
 
-    `found` is a fit of a structure that has first_order in it: where it leaves more than rounding, so does that.
+    `fit` is a fit of a structure that has first_order in it: where it leaves more than rounding, so does that.
     """
-    if not _is_rounding(found):
+    if not _is_rounding(fit):
         return None
     try:
         linear = fit_structure(method, STRUCTURES["first_order"], data)

@@ -81,7 +81,7 @@ def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> lis
     """The fits without one record each, where the rest moves as the whole does and determines the parameters."""
     count = len(fit.records)
     reverses = turns_both_ways([record.data for record in fit.records])
-    found = []
+    selections = []
     for number in sorted({int(k) for k in np.linspace(0, count - 1, min(_MOST, count))}):
         rest = [record for n, record in enumerate(fit.records) if n != number]
         data = [record.data for record in rest]
@@ -94,8 +94,8 @@ def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> lis
             continue
         # Under another model of the noise the same data say something else: that is no matter of the records.
         if other.converged and other.estimator == fit.estimator:
-            found.append(_Without(name=fit.records[number].data.name, fit=other))
-    return found
+            selections.append(_Without(name=fit.records[number].data.name, fit=other))
+    return selections
 
 
 def _apart(name: str, selections: Sequence[_Without]) -> bool:

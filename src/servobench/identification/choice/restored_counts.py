@@ -46,24 +46,24 @@ def with_counts_restored(
         return tuple(records), []
     restored = []
     for record in records:
-        found = _restore(record)
-        if found is None:
+        summation = _restore(record)
+        if summation is None:
             return tuple(records), []
-        restored.append(found)
+        restored.append(summation)
     return tuple(each.data for each in restored), [_finding(each) for each in restored]
 
 
 def _restore(record: Dataset) -> Summation | None:
     """The first position that a motor explains up to the rounding of its counts."""
-    for found in summations(record):
+    for summation in summations(record):
         fits: list[Fit] = []
-        for plain in _plain_fits(found.data):
+        for plain in _plain_fits(summation.data):
             if is_rounding(plain) or (_ratio(plain) < _NOISY and _has_independent_errors(plain)):
-                return found
+                return summation
             fits.append(plain)
         smooth = [plain for plain in fits if _roughness(plain) < _NOISY]
         if any(_is_rounding_beside_torque(plain) for plain in smooth):
-            return found
+            return summation
         if fits and not smooth:
             return None
     return None
@@ -130,12 +130,12 @@ def _liveliest(data: Dataset) -> Dataset:
     return data.part(float(data.t_output[first]), float(data.t_output[first + _MOST]))
 
 
-def _finding(found: Summation) -> Finding:
-    data = found.data
+def _finding(summation: Summation) -> Finding:
+    data = summation.data
     turn = f" ({2.0 * np.pi / (data.quantum or np.nan):.6g} in a turn)" if data.position_unit == "rad" else ""
     return info(
         "counts-restored",
         f"{data.name}: this speed is the difference of counts of {data.quantum:.6g} {data.position_unit}{turn}, "
-        f"taken {found.how}; it was summed back to the counts, which are fitted instead because they hold more "
+        f"taken {summation.how}; it was summed back to the counts, which are fitted instead because they hold more "
         "information.",
     )

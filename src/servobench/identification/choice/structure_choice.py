@@ -192,12 +192,12 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
             "Coulomb friction is needed: beside the random torque it explains more than chance would, and without it the gain "
             f"would be {gains}."
         )
-        found = info("friction-found", sentence, parameters=("coulomb_voltage",))
+        finding = info("friction-found", sentence, parameters=("coulomb_voltage",))
     elif shifts_parameters(with_friction, fit):
-        found = _friction_possible(gains)
+        finding = _friction_possible(gains)
     else:
         return base, fit
-    return replace(base, fit=rival, findings=(found,)), with_friction
+    return replace(base, fit=rival, findings=(finding,)), with_friction
 
 
 def _friction_text(without: Fit, fit: Fit) -> str:
@@ -290,12 +290,12 @@ def _climb(
         ]
         significant = _significant_terms(shown)
         rungs = (try_rung(method, data, plain, fit, term, term in significant, allow) for term in terms)
-        kept = next((rung for rung in rungs if not _note_refusal(rung, refused)), None)
-        if kept is None:
+        next_rung = next((rung for rung in rungs if not _note_refusal(rung, refused)), None)
+        if next_rung is None:
             break
-        earlier = [f for f in findings if "coulomb" not in kept.term or f.code != "friction-not-found"]
-        findings = (*earlier, rung_finding(kept, plain, fit))
-        plain, fit = kept.plain, kept.fit
+        earlier = [f for f in findings if "coulomb" not in next_rung.term or f.code != "friction-not-found"]
+        findings = (*earlier, rung_finding(next_rung, plain, fit))
+        plain, fit = next_rung.plain, next_rung.fit
         shown = score_terms(fit)
     hidden = [rung.hidden for rung in refused.values() if rung.hidden]
     all_findings = (*findings, stop_finding(fit, shown, refused), *hidden)

@@ -69,14 +69,14 @@ def foresee(motor: AssumedMotor, t: Array, u: Array, draws: int) -> Foresight:
 
 def draw_motors(motor: AssumedMotor, draws: int) -> list[tuple[AssumedMotor, np.random.Generator]]:
     """Return motors within the tolerance of the assumed one, with a generator for the noise of each."""
-    found = []
+    motors = []
     for number in range(draws):
         random = np.random.default_rng([_SEED, number])
         gain, tau = 1 + motor.tolerance * random.uniform(-1, 1, 2)
-        found.append(
+        motors.append(
             (replace(motor, gain=motor.gain * gain, time_constant=motor.time_constant * tau), random)
         )
-    return found
+    return motors
 
 
 def count_position(motor: AssumedMotor, position: Array, random: np.random.Generator) -> Array:

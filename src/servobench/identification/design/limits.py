@@ -57,12 +57,12 @@ def limit_use(motor: AssumedMotor, limits: DesignLimits, t: Array, u: Array) -> 
     most = dict.fromkeys(limited, 0.0)
     for gain, tau in product(ends, ends):
         position, speed = motor.motion(t, u, gain, tau)
-        found = {
+        peaks = {
             "speed": float(np.abs(speed).max()),
             "travel": float(np.abs(position).max()),
             "current": _current(motor, u, speed),
         }
-        most = {name: max(most[name], found[name]) for name in limited}
+        most = {name: max(most[name], peaks[name]) for name in limited}
     return parts | {name: value / float(getattr(limits, name)) for name, value in most.items()}
 
 

@@ -97,24 +97,24 @@ def _of_the_test(motor: AssumedMotor, names: Sequence[str], u: Array, sample_tim
     j = jacobian[:, : len(own)]
     j = j - start @ np.linalg.lstsq(start, j, rcond=None)[0]
     information = j.T @ j
-    found = np.zeros((len(names), len(names)))
+    information_by_name = np.zeros((len(names), len(names)))
     for a, first in enumerate(names):
         for b, second in enumerate(names):
             if first in own and second in own:
-                found[a, b] = information[own.index(first), own.index(second)]
-    return found
+                information_by_name[a, b] = information[own.index(first), own.index(second)]
+    return information_by_name
 
 
 def _information(covariance: Array) -> Array:
     """The inverse of a covariance, in which what isn't known has no information."""
-    found = np.zeros_like(covariance)
+    inverse = np.zeros_like(covariance)
     known = np.flatnonzero(np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0))
     part = covariance[np.ix_(known, known)]
     scale = np.sqrt(np.diag(part))
-    found[np.ix_(known, known)] = np.linalg.pinv(part / np.outer(scale, scale), hermitian=True) / np.outer(
+    inverse[np.ix_(known, known)] = np.linalg.pinv(part / np.outer(scale, scale), hermitian=True) / np.outer(
         scale, scale
     )
-    return found
+    return inverse
 
 
 def _half(motor: AssumedMotor, names: Sequence[str], information: Array, largest: float) -> float:

@@ -49,17 +49,17 @@ def design(
     check_type("wish", wish, str, "a text")
     if wish not in get_args(Wish):
         raise UsageError(f"wish is {wish!r}; expected {' or '.join(map(repr, get_args(Wish)))}")
-    kept = _limits(limits)
+    design_limits = _limits(limits)
     length, step = _in("duration", duration, "s"), _in("experiment_sample_time", experiment_sample_time, "s")
     if data is not None or "u" in options:
         if nominal is not None:
             raise UsageError("both data and nominal say what is known of the motor; give one of them")
-        return best_design(_motor_of(data, starts_at_rest, options), kept, length, step, wish)
+        return best_design(_motor_of(data, starts_at_rest, options), design_limits, length, step, wish)
     if options:
         raise UsageError(
             f"{', '.join(options)}: say how to read data, and there are none; give data, or leave them out"
         )
-    return best_design(from_data_sheet(nominal or "qube_servo_2"), kept, length, step, wish)
+    return best_design(from_data_sheet(nominal or "qube_servo_2"), design_limits, length, step, wish)
 
 
 def _motor_of(data: object, starts_at_rest: bool, options: Any) -> AssumedMotor:
@@ -71,17 +71,17 @@ def _motor_of(data: object, starts_at_rest: bool, options: Any) -> AssumedMotor:
     return from_result(result, result.data[0].name if result.data else "the data")
 
 
-def _limits(given: Mapping[str, float | str]) -> DesignLimits:
+def _limits(limits: Mapping[str, float | str]) -> DesignLimits:
     """The limits in SI units; raises `UsageError` for one that isn't known, and without a voltage."""
-    if not isinstance(given, Mapping) or "voltage" not in given:
+    if not isinstance(limits, Mapping) or "voltage" not in limits:
         raise UsageError(
-            f'limits is {given!r}; expected a dict with a voltage, such as {{"voltage": 6, "travel": "4 rev"}}'
+            f'limits is {limits!r}; expected a dict with a voltage, such as {{"voltage": 6, "travel": "4 rev"}}'
         )
-    for name in given:
+    for name in limits:
         if name not in _UNITS:
             raise UnknownName("limit", str(name), _UNITS)
     return DesignLimits(
-        **{name: _in(f"limits[{name!r}]", value, _UNITS[name]) for name, value in given.items()}
+        **{name: _in(f"limits[{name!r}]", value, _UNITS[name]) for name, value in limits.items()}
     )
 
 

@@ -120,22 +120,22 @@ def best_design(
             f"{_MOST_SAMPLES * sample_time:g} s, or a longer sample time"
         )
     t = np.arange(round(duration / sample_time), dtype=np.float64) * sample_time
-    seen = [
-        found
+    signals = [
+        signal
         for candidate in candidates(motor, duration, sample_time)
-        if (found := _rate_candidate(motor, limits, t, candidate)) is not None
+        if (signal := _rate_candidate(motor, limits, t, candidate)) is not None
     ]
-    if not seen and _FULL * limits.voltage <= 1.5 * motor.coulomb_voltage:
+    if not signals and _FULL * limits.voltage <= 1.5 * motor.coulomb_voltage:
         raise NotIdentifiable(
             f"{limits.voltage:g} V hardly moves the motor, as friction takes {motor.coulomb_voltage:.2g} V: allow at "
             f"least {1.6 * motor.coulomb_voltage:.2g} V"
         )
-    if not seen:
+    if not signals:
         raise NotIdentifiable(
             f"no experiment of {duration:g} s moves the motor within the limits: allow more travel, speed or "
             "current, or a shorter sample time"
         )
-    ranked = _rank(motor, t, sorted(seen, key=lambda each: cost(each, wish)), wish)
+    ranked = _rank(motor, t, sorted(signals, key=lambda each: cost(each, wish)), wish)
     chosen = _reliable(motor, t, ranked)
     others = _best_of_each_family([each for each in ranked if each is not chosen], chosen.family)
     paper = _rate(motor, limits, t, "the paper's square wave", PAPER.signal, _THOROUGH)
@@ -205,10 +205,10 @@ def _rate(
     )
 
 
-def _rank(motor: AssumedMotor, t: Array, seen: Sequence[RatedSignal], wish: Wish) -> list[RatedSignal]:
+def _rank(motor: AssumedMotor, t: Array, signals: Sequence[RatedSignal], wish: Wish) -> list[RatedSignal]:
     """The nearest to the best, and the best of each family, looked at thoroughly and put in order."""
-    near = list(seen[:_NEAR])
-    near += [each for each in _best_of_each_family(seen, "") if each not in near]
+    near = list(signals[:_NEAR])
+    near += [each for each in _best_of_each_family(signals, "") if each not in near]
     thorough = []
     for each in near:
         ahead = foresee(motor, t, each.signal(t), _THOROUGH)
@@ -218,9 +218,9 @@ def _rank(motor: AssumedMotor, t: Array, seen: Sequence[RatedSignal], wish: Wish
     return sorted(thorough, key=lambda each: cost(each, wish))
 
 
-def _best_of_each_family(seen: Sequence[RatedSignal], without: str) -> tuple[RatedSignal, ...]:
+def _best_of_each_family(signals: Sequence[RatedSignal], without: str) -> tuple[RatedSignal, ...]:
     best: dict[str, RatedSignal] = {}
-    for each in seen:
+    for each in signals:
         best.setdefault(each.family, each)
     return tuple(each for each in best.values() if each.family != without)
 

@@ -150,7 +150,7 @@ class Fit:
 
         A friction or a time constant isn't below zero, and a delay doesn't end after the first motion.
         """
-        sd, found = np.sqrt(np.diag(self.covariance)), {}
+        sd, estimates = np.sqrt(np.diag(self.covariance)), {}
         for parameter, value, s, unit in zip(
             self.model.structure.parameters, self.model.theta, sd, self.model.units, strict=True
         ):
@@ -158,8 +158,10 @@ class Fit:
             low, high = self.intervals.get(name, (value - TWO_SIDED * s, value + TWO_SIDED * s))
             latest = self._latest_delay if name == "delay" else parameter.upper
             interval = float(max(low, min(parameter.lower, value))), float(min(high, max(latest, value)))
-            found[name] = Estimate(value=float(value), sd=float(s), interval=interval, level=0.95, unit=unit)
-        return found
+            estimates[name] = Estimate(
+                value=float(value), sd=float(s), interval=interval, level=0.95, unit=unit
+            )
+        return estimates
 
     @cached_property
     def _latest_delay(self) -> float:
@@ -266,11 +268,11 @@ def hindrance(name: str, can: Abilities, structure: Structure, data: Sequence[Da
 
 def too_few(used: int, unknowns: int, data: Sequence[Dataset]) -> NotIdentifiable:
     """Return the error that says how many samples count, and of how many, where they are no more than the unknowns."""
-    given = sum(len(record.y) for record in data)
-    if used == given:
+    sample_count = sum(len(record.y) for record in data)
+    if used == sample_count:
         return NotIdentifiable(f"{used} samples for {unknowns} unknowns: record for longer")
     return NotIdentifiable(
-        f"{given} samples that count as {used}, for {unknowns} unknowns: closely spaced samples are averaged where a "
+        f"{sample_count} samples that count as {used}, for {unknowns} unknowns: closely spaced samples are averaged where a "
         "random torque seems to act, and samples whose filter reaches back before the record aren't used. Record "
         "for longer"
     )

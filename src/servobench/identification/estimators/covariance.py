@@ -94,11 +94,11 @@ def inverse(h: Array) -> Array:
     weights = np.outer(scale, scale)
     values, vectors = np.linalg.eigh(part * weights)
     values = np.maximum(values, 1e-14 * float(values.max(initial=1e-300)))
-    found = (vectors / values) @ vectors.T * weights
+    inverse_of_part = (vectors / values) @ vectors.T * weights
     if part is h:
-        return np.asarray(found, dtype=np.float64)
+        return np.asarray(inverse_of_part, dtype=np.float64)
     out = np.zeros_like(h)
-    out[np.ix_(informed, informed)] = found
+    out[np.ix_(informed, informed)] = inverse_of_part
     return out
 
 

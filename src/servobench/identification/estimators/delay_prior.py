@@ -237,15 +237,15 @@ def _minima_at(
     h = information(layout, square_jacobians(layout, minimum.predictions))
     slope = np.linalg.lstsq(h[np.ix_(free, free)], h[free, at], rcond=None)[0]
     guesses = structure.guesses(data) if structure.friction else ()
-    found = []
+    minima = []
     for value in np.unique(np.clip(values, lower, upper)):
         led = minimum.theta.copy()
         led[free] -= slope * (value - minimum.theta[at])
         starts = [np.where(free, start, value) for start in (minimum.theta, led, *guesses)]
         if len(starts) > _STARTS:
             starts.sort(key=lambda start: point_at(layout, start).cost)
-        found.append(lowest(structure, data, starts[:_STARTS], free))
-    return found
+        minima.append(lowest(structure, data, starts[:_STARTS], free))
+    return minima
 
 
 def _samples(data: Sequence[Dataset], minimum: Minimum) -> float:

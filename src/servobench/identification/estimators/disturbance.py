@@ -398,18 +398,18 @@ def of_each_sample(
     Those of a shaft at rest, which all have one rounding error, say nothing of r; without any others, or where a shaft that is
     blocked leaves nothing over, it stays as it is.
     """
-    found, q = disturbance, disturbance.ratio * disturbance.variance
+    estimate, q = disturbance, disturbance.ratio * disturbance.variance
     moving = [s.left > 0 for s in sliding]
     for _ in range(5):
         squares = sum(
-            float(np.sum(whiten(r, d, s, found)[m] ** 2))
+            float(np.sum(whiten(r, d, s, estimate)[m] ** 2))
             for r, d, s, m in zip(residuals, data, sliding, moving, strict=True)
         )
         if squares == 0:
             break
-        variance = found.variance * squares / sum(int(m.sum()) for m in moving)
-        found = replace(found, ratio=q / variance, variance=variance)
-    return found
+        variance = estimate.variance * squares / sum(int(m.sum()) for m in moving)
+        estimate = replace(estimate, ratio=q / variance, variance=variance)
+    return estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -504,9 +504,9 @@ class WhitenedStructure:
         blocks, noise = self._blocks(data), self.disturbance
         if self.structure.friction:
             blocks = blocks.turning_as(self.structure.sliding(theta, data))
-        found, _ = _innovations(blocks.means(x), blocks, data.kind, noise.tau, noise.ratio)
+        innovations, _ = _innovations(blocks.means(x), blocks, data.kind, noise.tau, noise.ratio)
         out = np.zeros_like(x)
-        out[blocks.starts] = found / np.sqrt(noise.variance)
+        out[blocks.starts] = innovations / np.sqrt(noise.variance)
         return out
 
 

@@ -45,13 +45,13 @@ def rounding_sines(columns: Array, path: Array, quantum: float, noise: float) ->
     """
     from servobench.identification.estimators import kernels
 
-    found = shares(noise)
+    powers = shares(noise)
     sines = np.zeros((2 * SINES, columns.shape[1]))
     for start in range(0, len(path), _BLOCK):
         rows = slice(start, start + _BLOCK)
         sines += kernels.harmonics(path[rows] / quantum, SINES) @ columns[rows]
-    white = 1 / 12 + noise - float(found.sum())
-    return quantum * np.sqrt(np.repeat(found, 2))[:, None] * sines, quantum**2 * white
+    white = 1 / 12 + noise - float(powers.sum())
+    return quantum * np.sqrt(np.repeat(powers, 2))[:, None] * sines, quantum**2 * white
 
 
 def counts_in_place(

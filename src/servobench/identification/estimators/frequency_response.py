@@ -73,54 +73,57 @@ class ResponseFit:
         lacking = self.supports(structure, data)
         if lacking is not None:
             raise NotIdentifiable(lacking.sentence.rstrip("."))
-        found = fit_points(structure, data, starts[0] if starts else None)
-        return _fit(structure, data, found)
+        point_fit = fit_points(structure, data, starts[0] if starts else None)
+        return _fit(structure, data, point_fit)
 
 
 ESTIMATORS.member("frequency_response")(ResponseFit())
 
 
-def _fit(structure: Structure, data: Sequence[Dataset], found: PointFit) -> Fit:
+def _fit(structure: Structure, data: Sequence[Dataset], point_fit: PointFit) -> Fit:
     """The fit that settled points stand for, with records simulated by it."""
     guess = structure.guesses(data)[0]
     start = np.concatenate(
-        [np.where(found.seen, found.theta, guess[: len(found.theta)]), guess[len(found.theta) :]]
+        [
+            np.where(point_fit.seen, point_fit.theta, guess[: len(point_fit.theta)]),
+            guess[len(point_fit.theta) :],
+        ]
     )
     free = np.ones(len(start), dtype=bool)
-    free[: len(found.theta)] = ~found.seen
+    free[: len(point_fit.theta)] = ~point_fit.seen
     minimum = minimise(structure, data, start, free)
     sd = float(np.sqrt(minimum.cost / max(sum(int(p.valid.sum()) for p in minimum.predictions), 1)))
     records = simulations(structure, data, minimum.theta)
     return Fit(
-        model=Model(structure=structure, theta=minimum.theta[: len(found.theta)], data=data[0]),
-        covariance=_with_unseen(found, Layout(structure, tuple(data)), minimum),
+        model=Model(structure=structure, theta=minimum.theta[: len(point_fit.theta)], data=data[0]),
+        covariance=_with_unseen(point_fit, Layout(structure, tuple(data)), minimum),
         estimator="frequency_response",
         structure=STRUCTURES.name_of(structure),
-        converged=found.converged,
-        status="converged" if found.converged else "did not settle",
+        converged=point_fit.converged,
+        status="converged" if point_fit.converged else "did not settle",
         residual_sd=sd,
         records=tuple(replace(record, innovations=record.residual / (sd or 1.0)) for record in records),
-        findings=(*remarks(data, found.points), *_about(data, found)),
+        findings=(*remarks(data, point_fit.points), *_about(data, point_fit)),
     )
 
 
-def _with_unseen(found: PointFit, layout: Layout, minimum: Minimum) -> Array:
+def _with_unseen(point_fit: PointFit, layout: Layout, minimum: Minimum) -> Array:
     """The covariance (P, P) with that of the parameters that the frequency response doesn't show.
 
     They follow the others as the sum of squares wants it, by -H_uu⁻¹ H_us with the nuisance parameters among the u, and are
     uncertain by themselves as output error is with the others held.
     """
-    seen, count = found.seen, len(found.seen)
-    if seen.all():
-        return found.covariance
+    visible, count = point_fit.seen, len(point_fit.seen)
+    if visible.all():
+        return point_fit.covariance
     h = information(layout, square_jacobians(layout, minimum.predictions))
-    own, shown = np.flatnonzero(~seen), np.flatnonzero(seen)
+    own, shown = np.flatnonzero(~visible), np.flatnonzero(visible)
     hidden = np.concatenate([own, np.arange(count, len(h))])
     part = h[np.ix_(hidden, hidden)]
     spread = np.zeros((count, len(shown)))
     spread[shown] = np.eye(len(shown))
     spread[own] = -(inverse(part) @ h[np.ix_(hidden, shown)])[: len(own)]
-    covariance = spread @ found.covariance[np.ix_(shown, shown)] @ spread.T
+    covariance = spread @ point_fit.covariance[np.ix_(shown, shown)] @ spread.T
     scores, variance = _scores(layout, minimum)
     alone = conservative(plain(part, variance), sandwich(part, [s[:, hidden] for s in scores]))
     covariance[np.ix_(own, own)] += alone[: len(own), : len(own)]
@@ -139,18 +142,18 @@ def _scores(layout: Layout, minimum: Minimum) -> tuple[list[Array], float]:
     return scores, total / max(used, 1)
 
 
-def _about(data: Sequence[Dataset], found: PointFit) -> list[Finding]:
+def _about(data: Sequence[Dataset], point_fit: PointFit) -> list[Finding]:
     """Findings from the fit itself."""
     findings = []
-    if not found.converged:
+    if not point_fit.converged:
         findings.append(
             warning("search-not-settled", "The search for the parameters did not settle; they may be wrong.")
         )
-    if found.misfit > 1 + _UNLIKELY * np.sqrt(2 / max(found.freedom, 1)):
+    if point_fit.misfit > 1 + _UNLIKELY * np.sqrt(2 / max(point_fit.freedom, 1)):
         findings.append(
             warning(
                 "response-misfit",
-                f"The structure misses the points of the frequency response by {np.sqrt(found.misfit):.2g} times "
+                f"The structure misses the points of the frequency response by {np.sqrt(point_fit.misfit):.2g} times "
                 "the noise; the intervals are wider by that factor. Look at the Bode figure, or use a structure of "
                 "higher order.",
             )

@@ -92,8 +92,8 @@ class IntervalLikelihood:
         first = best_minimum(structure, data, starts or structure.guesses(data))
         layout = Layout(structure, tuple(data))
         floor = _floor(layout)
-        found = search_maximum(layout, first.theta, _first_noise(data, first), floor)
-        return _fit_from(layout, found, profile_noise(found, floor))
+        optimum = search_maximum(layout, first.theta, _first_noise(data, first), floor)
+        return _fit_from(layout, optimum, profile_noise(optimum, floor))
 
 
 ESTIMATORS.member("interval_likelihood")(IntervalLikelihood())
@@ -146,38 +146,38 @@ def _first_noise(data: Sequence[Dataset], first: Minimum) -> float:
     return float(np.sqrt(max(variance - quantum**2 / 12, (0.1 * quantum) ** 2)))
 
 
-def _fit_from(layout: Layout, found: Optimum, noise: NoiseProfile) -> Fit:
+def _fit_from(layout: Layout, optimum: Optimum, noise: NoiseProfile) -> Fit:
     """The fit that a maximum and what is known of s stand for."""
     structure, data = layout.structure, layout.data
     lower, upper = layout.bounds()
-    theta = found.near.theta if found.at_kink else found.near.theta + noise.best.change
+    theta = optimum.near.theta if optimum.at_kink else optimum.near.theta + noise.best.change
     theta = np.clip(theta, lower, upper)
-    all_bins = found.near.bins_at(noise.best)
-    covariance = _covariance(layout, found.near, noise, all_bins)[: layout.shared, : layout.shared]
+    all_bins = optimum.near.bins_at(noise.best)
+    covariance = _covariance(layout, optimum.near, noise, all_bins)[: layout.shared, : layout.shared]
     records = simulations(structure, data, theta)
     squares = sum(float(record.residual @ record.residual) for record in records)
     samples = sum(len(record.residual) for record in records)
     ended = Minimum(
         theta=theta,
         predictions=(),
-        cost=-found.point.log_likelihood,
-        converged=found.converged,
-        status=found.status,
+        cost=-optimum.point.log_likelihood,
+        converged=optimum.converged,
+        status=optimum.status,
     )
     return Fit(
         model=Model(structure=structure, theta=theta[: layout.shared], data=data[0]),
         covariance=covariance,
         estimator="interval_likelihood",
         structure=STRUCTURES.name_of(structure),
-        converged=found.converged,
-        status=found.status,
+        converged=optimum.converged,
+        status=optimum.status,
         residual_sd=float(np.sqrt(squares / max(samples - len(theta), 1))),
         records=_with_scores(records, all_bins),
         findings=(
             *remarks(structure, data, ended),
             _about_noise(noise, data[0]),
             *_about_miscounts(records, noise.best.s),
-            *_about_torque(layout, found.near, all_bins, noise.best.s),
+            *_about_torque(layout, optimum.near, all_bins, noise.best.s),
         ),
     )
 
@@ -190,16 +190,16 @@ def _covariance(layout: Layout, near: Near, noise: NoiseProfile, all_bins: Seque
     """
     best = noise.best
     scores = _scores(near, all_bins)
-    found = noise.widen(conservative(inverse(best.information), sandwich(best.information, scores)))
-    found += of_known_errors(
+    covariance = noise.widen(conservative(inverse(best.information), sandwich(best.information, scores)))
+    covariance += of_known_errors(
         layout.structure, _weigh_records(layout, near, all_bins), inverse(best.information)
     )
     everything = replace(near, free=np.ones_like(near.free)).at(best.change, best.s).information
     held = ~near.free
-    found[held, held] = np.diag(inverse(everything))[held]
+    covariance[held, held] = np.diag(inverse(everything))[held]
     unknown = np.diag(everything) == 0
-    found[unknown, unknown] = np.inf
-    return found
+    covariance[unknown, unknown] = np.inf
+    return covariance
 
 
 def _scores(near: Near, all_bins: Sequence[Bins]) -> list[Array]:
@@ -254,7 +254,7 @@ def _about_noise(noise: NoiseProfile, data: Dataset) -> Finding:
 
 def _about_miscounts(records: Sequence[FittedRecord], s: float) -> list[Finding]:
     """A warning for each record with counts that no noise explains: they raise the noise level for all others."""
-    found = []
+    findings = []
     for record in records:
         quantum = _quantum(record.data)
         beyond = (np.abs(record.residual) - 0.5 * quantum) / s
@@ -265,8 +265,8 @@ def _about_miscounts(records: Sequence[FittedRecord], s: float) -> list[Finding]
                 f"{'it' if wrong == 1 else 'them, the worst'}: {record.residual[worst] / quantum:+.3g} counts off at "
                 f"{record.data.t_output[worst]:.6g} s. It makes all other samples look noisier; leave it out."
             )
-            found.append(warning("counts-off", sentence))
-    return found
+            findings.append(warning("counts-off", sentence))
+    return findings
 
 
 def _about_torque(layout: Layout, near: Near, all_bins: Sequence[Bins], s: float) -> list[Finding]:

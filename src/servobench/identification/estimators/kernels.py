@@ -75,18 +75,18 @@ def innovations(
                 if z < 1e-3
                 else tau * tau * (h - 2 * g + q22)
             )
-        way, kept, q = g, a, ratio
+        way, decay, q = g, a, ratio
         if part < 1.0:
             until = math.exp((t[k] - turns[k + 1]) / tau)
             way = tau * (1.0 - until) + part * tau * (until - a)
-            kept = part * a
+            decay = part * a
             q = ratio if part > 0.0 else 0.0
         p11 = p11 + 2.0 * way * p12 + way * way * p22 + q * q11
-        p12 = kept * (p12 + way * p22) + q * q12
-        p22 = kept * kept * p22 + q * q22
+        p12 = decay * (p12 + way * p22) + q * q12
+        p22 = decay * decay * p22 + q * q22
         for n in range(columns):
             th[n] += way * w[n]
-            w[n] *= kept
+            w[n] *= decay
 
 
 @compiled

@@ -242,8 +242,8 @@ def _in_the_valley(
     if not (moves[: len(held)] & held).any():
         return starts
     moves[: len(held)] &= ~held
-    found = (descent(layout, start, moves, _STEPS_TO_VALLEY).point for start in starts)
-    ends = sorted(found, key=lambda point: point.cost)
+    points = (descent(layout, start, moves, _STEPS_TO_VALLEY).point for start in starts)
+    ends = sorted(points, key=lambda point: point.cost)
     distinct = [
         end for n, end in enumerate(ends) if n == 0 or end.cost > (1 + _SAME_PLACE) * ends[n - 1].cost
     ]

@@ -28,8 +28,8 @@ def log_slope(t: Array, part: Array) -> float:
         return float("nan")
     when = np.linspace(start, end, _POINTS)
     left = 1.0 - np.interp(when, t, part)
-    seen = left > 0
-    x, y = when[seen] - when[seen].mean(), np.log(left[seen])
+    positive = left > 0
+    x, y = when[positive] - when[positive].mean(), np.log(left[positive])
     slope = float(x @ y) / float(x @ x)
     return -1.0 / slope if slope < 0 else float("nan")
 

@@ -57,14 +57,14 @@ def intervals_near_bounds(
     `variance` of the residuals is needed; parameters of which the data say nothing are left out.
     """
     lower, upper = structure.bounds(data)
-    found = {}
+    intervals = {}
     for n, parameter in enumerate(structure.parameters):
         sd, value = float(np.sqrt(covariance[n, n])), float(minimum.theta[n])
         if not (0 < sd < np.inf) or min(value - lower[n], upper[n] - value) > _NEAR * sd:
             continue
         profile = _Profile(structure, tuple(data), minimum, n, sd, variance, prior)
-        found[parameter.name] = (profile.end(-1.0, float(lower[n])), profile.end(1.0, float(upper[n])))
-    return found
+        intervals[parameter.name] = (profile.end(-1.0, float(lower[n])), profile.end(1.0, float(upper[n])))
+    return intervals
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +112,11 @@ class _Profile:
         led[free] += self._slope * (value - led[self.at])
         led[self.at] = value
         worth = _WORTH * self._rise
-        found = descent(self._layout, led, free, _SEARCH, worth).point
-        if found.cost <= self.minimum.cost + self._rise:
-            return found
+        bottom = descent(self._layout, led, free, _SEARCH, worth).point
+        if bottom.cost <= self.minimum.cost + self._rise:
+            return bottom
         beside = descent(self._layout, np.where(free, near, value), free, _SEARCH, worth).point
-        return min(found, beside, key=lambda point: point.cost)
+        return min(bottom, beside, key=lambda point: point.cost)
 
     @cached_property
     def _layout(self) -> Layout:

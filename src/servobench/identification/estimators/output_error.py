@@ -331,11 +331,11 @@ def with_start_fitted(structure: Structure, theta: Array, data: Dataset) -> Mini
 
 def _weigh_records(layout: Layout, minimum: Minimum, variance: float) -> list[WeightedRecord]:
     """The records at a minimum, each sample with the same variance of its noise."""
-    found = []
+    weighted_records = []
     for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
         j, r = jacobian_and_residual(record, prediction)
         weight, used = np.full(len(r), 1.0 / variance), prediction.valid
-        found.append(
+        weighted_records.append(
             WeightedRecord(
                 data=record,
                 theta=minimum.theta[place],
@@ -346,7 +346,7 @@ def _weigh_records(layout: Layout, minimum: Minimum, variance: float) -> list[We
                 used=used,
             )
         )
-    return found
+    return weighted_records
 
 
 def _scores(layout: Layout, minimum: Minimum) -> list[Array]:
@@ -381,7 +381,7 @@ def _rounding_covariance(
     `alone` says that there is nothing but rounding; else what the residuals have beyond Q²/12 is noise before it.
     `squares` are the records' own J'J.
     """
-    size, found = len(minimum.theta), False
+    size, has_rounding = len(minimum.theta), False
     out = np.zeros((size, size))
     sines: dict[int, Array] = {}
     places = layout.columns()
@@ -391,7 +391,7 @@ def _rounding_covariance(
         if not record.quantum or not is_rounded(record):
             out[np.ix_(place, place)] += variance * square
             continue
-        found = True
+        has_rounding = True
         beyond = 0.0 if alone else max(variance / record.quantum**2 - 1 / 12, 0.0)
         j, _ = jacobian_and_residual(record, prediction)
         path = prediction.y if len(j) == len(prediction.y) else prediction.y[prediction.valid]
@@ -399,14 +399,14 @@ def _rounding_covariance(
         out[np.ix_(place, place)] += white * square
         # Stretches of one recording were rounded by the same counts, and have one source.
         sines.setdefault(id(record.source), np.zeros((len(own), size)))[:, place] += own
-    return out + sum(s.T @ s for s in sines.values()) if found else np.empty((0, 0))
+    return out + sum(s.T @ s for s in sines.values()) if has_rounding else np.empty((0, 0))
 
 
 def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> list[Finding]:
     """Return what the search itself has to say."""
-    found = []
+    findings = []
     if not minimum.converged:
-        found.append(
+        findings.append(
             warning(
                 "search-not-settled", f"The search for the parameters {minimum.status}; they may be wrong."
             )
@@ -423,14 +423,14 @@ def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> 
                 else "longest that the first motion allows"
             )
             sentence = f"The delay ended at {milliseconds(float(value))} ms, the {end}."
-            found.append(info("parameter-at-bound", sentence, parameters=("delay",)))
+            findings.append(info("parameter-at-bound", sentence, parameters=("delay",)))
             continue
         words = parameter_in_words(parameter.name, parameter.unit_in(data[0]))
         sentence = f"The {words} ended at the limit of its range, {value:.3g}: "
         if value == 0:
             sentence += "the data show none of it."
-            found.append(info("parameter-at-bound", sentence, parameters=(parameter.name,)))
+            findings.append(info("parameter-at-bound", sentence, parameters=(parameter.name,)))
         else:
             sentence += "the model doesn't suit these data, or the columns are misaligned."
-            found.append(warning("parameter-at-bound", sentence, parameters=(parameter.name,)))
-    return found
+            findings.append(warning("parameter-at-bound", sentence, parameters=(parameter.name,)))
+    return findings

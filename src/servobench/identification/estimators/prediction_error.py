@@ -90,19 +90,19 @@ class PredictionError:
         """Return the fit that begins from another estimator's; `test` is that one's `disturbance_test`, if it exists already."""
         structure, data = start.model.structure, tuple(record.data for record in start.records)
         theta = start.vector
-        found = test or _profile(structure, data, theta)
+        likelihood = test or _profile(structure, data, theta)
         for remaining in reversed(range(_ROUNDS)):
             before = theta
-            model = _structure_in_blocks(structure, found.disturbance, data, theta)
+            model = _structure_in_blocks(structure, likelihood.disturbance, data, theta)
             minimum = minimise(model, model.whitened_data, theta)
             theta = minimum.theta
             _, covariance = uncertainty(model, model.whitened_data, minimum)
             change = (theta - before)[: len(covariance)]
             if not remaining or np.all(np.abs(change) <= _SETTLED * np.sqrt(np.diag(covariance))):
                 break
-            found = _profile(structure, data, theta, found)
-        covariance = found.widen(covariance)
-        records, disturbance = with_innovations(structure, data, theta, found.disturbance)
+            likelihood = _profile(structure, data, theta, likelihood)
+        covariance = likelihood.widen(covariance)
+        records, disturbance = with_innovations(structure, data, theta, likelihood.disturbance)
         return replace(
             start,
             model=replace(start.model, theta=theta[: len(covariance)]),
@@ -116,7 +116,7 @@ class PredictionError:
                 partial(intervals_near_bounds, model, model.whitened_data, minimum, covariance)
             ),
             records=records,
-            findings=(*remarks(structure, data, minimum), _finding(found, data[0])),
+            findings=(*remarks(structure, data, minimum), _finding(likelihood, data[0])),
             budget=(),  # that of the other estimator is of its covariance
         )
 
@@ -192,15 +192,15 @@ def _profile(
     around = float(np.log(noise.ratio)) if noise else None
     while True:
         near = linearise(structure, data, theta, noise)
-        found = profile(near, tau, around)
+        likelihood = profile(near, tau, around)
         longest = [longest_block(noise, tau, record) for record in data]
-        finer = [longest_block(found.disturbance, tau, record) for record in data]
+        finer = [longest_block(likelihood.disturbance, tau, record) for record in data]
         if all(
             new >= 0.7 * old or old < 2 * record.sample_time
             for new, old, record in zip(finer, longest, data, strict=True)
         ):
-            return found
-        noise, around = found.disturbance, None  # what long blocks can't tell apart, shorter ones may
+            return likelihood
+        noise, around = likelihood.disturbance, None  # what long blocks can't tell apart, shorter ones may
 
 
 def _structure_in_blocks(
@@ -247,15 +247,15 @@ def with_innovations(
     ), each
 
 
-def _wander(found: Profile) -> str:
+def _wander(likelihood: Profile) -> str:
     """The size of the speed's wander, with its interval where two digits show one."""
-    value, low, high = (number(each, 2) for each in (found.disturbance.wander, *found.wander))
+    value, low, high = (number(each, 2) for each in (likelihood.disturbance.wander, *likelihood.wander))
     return value if low == high else f"{value} ({low} to {high})"
 
 
-def _finding(found: Profile, data: Dataset) -> Finding:
+def _finding(likelihood: Profile, data: Dataset) -> Finding:
     unit = f"{data.position_unit}/s"
-    if found.likelihood_ratio <= THRESHOLD:
+    if likelihood.likelihood_ratio <= THRESHOLD:
         return info(
             "disturbance-not-found",
             "The data show no random torque: including one improves the fit no more than chance would, so output_error is "
@@ -263,7 +263,7 @@ def _finding(found: Profile, data: Dataset) -> Finding:
         )
     return info(
         "disturbance-found",
-        f"A random torque acts on the motor: its speed wanders by {_wander(found)} {unit} around the model's, more than chance "
-        "explains. The intervals allow for it (estimator prediction_error).",
+        f"A random torque acts on the motor: its speed wanders by {_wander(likelihood)} {unit} around the model's, more than "
+        "chance explains. The intervals allow for it (estimator prediction_error).",
         parameters=("gain", "time_constant"),
     )

@@ -132,24 +132,24 @@ class Recursive:
             self._go_through(reduce(Samples.then, self._kept, NOTHING))
         elif self._motion is not None and self._waiting is None:
             self._move_on(self._motion)
-        kept = self.samples if self._kept is None else len(self._kept[0].t)
-        self._next = self.samples + max(int(_LATER * kept), _FIRST)
+        run_length = self.samples if self._kept is None else len(self._kept[0].t)
+        self._next = self.samples + max(int(_LATER * run_length), _FIRST)
 
     def _go_through(self, samples: Samples) -> None:
         """Begin again with all samples so far: where the estimate is, or where output error finds it in twice as many."""
-        found: Motion | Uninformed | None = None
+        outcome: Motion | Uninformed | None = None
         now = self._now()
         if now is None or len(samples.t) >= 2 * self._fresh:
-            found = start_motion(self.setting, samples)
-            self._fresh = len(samples.t) if isinstance(found, Motion) else self._fresh
-        if not isinstance(found, Motion) and now is not None and self._motion is not None:
-            found = run_through(self.setting, samples, now, self._motion.friction, self._motion)
-        if isinstance(found, Motion):
-            self._motion, self._off, self._found = found, np.zeros(COLUMNS), None
+            outcome = start_motion(self.setting, samples)
+            self._fresh = len(samples.t) if isinstance(outcome, Motion) else self._fresh
+        if not isinstance(outcome, Motion) and now is not None and self._motion is not None:
+            outcome = run_through(self.setting, samples, now, self._motion.friction, self._motion)
+        if isinstance(outcome, Motion):
+            self._motion, self._off, self._found = outcome, np.zeros(COLUMNS), None
         if self._motion is not None:
             self.uninformed = None
-        elif isinstance(found, Uninformed):  # otherwise what the look before told still holds
-            self.uninformed = found
+        elif isinstance(outcome, Uninformed):  # otherwise what the look before told still holds
+            self.uninformed = outcome
         self._kept = [samples]
         if len(samples.t) > _KEPT:
             # The old samples of a motor that hasn't moved contain no information.
@@ -157,12 +157,12 @@ class Recursive:
 
     def _move_on(self, motion: Motion) -> None:
         """Move the reference of a motion whose beginning isn't kept any more, if it is off by what matters."""
-        found, now = self._answer(), self._now()
-        if found is None or now is None:
+        answer, now = self._answer(), self._now()
+        if answer is None or now is None:
             return
-        motion.watch(found)
+        motion.watch(answer)
         change = now - motion.reference
-        if np.any(np.abs(change) > SETTLED * np.sqrt(np.diag(found.covariance))):
+        if np.any(np.abs(change) > SETTLED * np.sqrt(np.diag(answer.covariance))):
             motion.shift(change)
             self._off, self._found = np.zeros(COLUMNS), None
 
@@ -182,40 +182,40 @@ class Recursive:
 
     def estimate(self) -> dict[str, tuple[float, float]]:
         """Return value and standard deviation of each parameter by name, in SI units; empty as long as nothing is known."""
-        found, now = self._answer(), self._now()
-        if found is None or now is None:
+        answer, now = self._answer(), self._now()
+        if answer is None or now is None:
             return {}
         now[DELAY] -= self.setting.delay
-        sd = np.sqrt(np.diag(found.covariance))
+        sd = np.sqrt(np.diag(answer.covariance))
         return {name: (float(now[at]), float(sd[at])) for name, at in self._places.items()}
 
     @property
     def covariance(self) -> Array | None:
         """The covariance (P, P) of the parameters in the order of `estimate`; None as long as nothing is known."""
-        found = self._answer()
-        if found is None:
+        answer = self._answer()
+        if answer is None:
             return None
         at = list(self._places.values())
-        return found.covariance[np.ix_(at, at)]
+        return answer.covariance[np.ix_(at, at)]
 
     @property
     def white(self) -> bool | None:
         """Whether the last innovations leave nothing to explain: the motor is as the model says. None: too few to say."""
-        found = self._answer()
-        if found is None or self._motion is None:
+        answer = self._answer()
+        if answer is None or self._motion is None:
             return None
         motion = self._motion
         together = motion.blocks_in(float(motion.reference[1]))
-        return is_white(motion.recent, motion.residuals, found, self.setting.quantum, together)
+        return is_white(motion.recent, motion.residuals, answer, self.setting.quantum, together)
 
     @property
     def disturbance(self) -> Disturbance | None:
         """The likeliest random torque, with the measurement noise of a sample; None as long as nothing is known."""
-        found = self._answer()
-        if found is None or self._motion is None:
+        answer = self._answer()
+        if answer is None or self._motion is None:
             return None
-        ratio = float(self._motion.bank.ratio[found.filter])
-        return Disturbance(tau=float(self._motion.reference[1]), ratio=ratio, variance=found.variance)
+        ratio = float(self._motion.bank.ratio[answer.filter])
+        return Disturbance(tau=float(self._motion.reference[1]), ratio=ratio, variance=answer.variance)
 
     @property
     def _both_ways(self) -> bool:
@@ -242,11 +242,11 @@ class Recursive:
 
     def _now(self) -> Array | None:
         """The reference (7,) moved to where the estimate is; None as long as nothing is known."""
-        found, motion = self._answer(), self._motion
-        if found is None or motion is None:
+        answer, motion = self._answer(), self._motion
+        if answer is None or motion is None:
             return None
         _, is_brake = self.setting.unknowns(motion)
-        change = possible(found.change, found, motion.reference, self.setting.sample_time, is_brake)
+        change = possible(answer.change, answer, motion.reference, self.setting.sample_time, is_brake)
         return motion.reference + change
 
     def _follow(self, motion: Motion, samples: Samples) -> Array:
@@ -314,12 +314,12 @@ class RecursiveFit:
                 lacking.sentence.rstrip(".") if lacking else "recursive takes first-order motors only"
             )
         live = _follow_records(structure, data, starts)
-        found, disturbance = live.estimate(), live.disturbance
-        if not found or disturbance is None or live.covariance is None:
+        estimates, disturbance = live.estimate(), live.disturbance
+        if not estimates or disturbance is None or live.covariance is None:
             raise NotIdentifiable(
                 "the samples don't determine gain and time constant to within half their size: record for longer"
             )
-        theta = np.array([found[parameter.name][0] for parameter in structure.parameters])
+        theta = np.array([estimates[parameter.name][0] for parameter in structure.parameters])
         own = [simulate_record(structure, theta, record).nuisance for record in data]
         records, disturbance = with_innovations(structure, data, np.concatenate([theta, *own]), disturbance)
         return Fit(

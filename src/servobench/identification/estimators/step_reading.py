@@ -57,14 +57,14 @@ class StepReading:
         """Return the mean over the steps; `starts` are of no use here. Raises `NotIdentifiable` where no step can be read."""
         _check(self.supports(structure, data))
         readings = read_steps(data, self.rule)
-        found = _fit(self.name, structure, data, readings, readings.mean, np.eye(3))
+        fit = _fit(self.name, structure, data, readings, readings.mean, np.eye(3))
         try:
             true, _ = read_alike(structure, data, readings, self.rule)
         except NotIdentifiable as error:
             return _with(
-                found, warning("chain-in-the-reading", _sentence(str(error)), parameters=("time_constant",))
+                fit, warning("chain-in-the-reading", _sentence(str(error)), parameters=("time_constant",))
             )
-        return _with(found, *_about_lag(self.name, data, float(readings.mean[1]), float(true[1])))
+        return _with(fit, *_about_lag(self.name, data, float(readings.mean[1]), float(true[1])))
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class CorrectedReading:
         _check(self.supports(structure, data))
         readings = read_steps(data, self.rule)
         values, slope = read_alike(structure, data, readings, self.rule)
-        found = _fit(self.name, structure, data, readings, values, slope)
-        return _with(found, *_about_correction(data, float(readings.mean[1]), float(values[1])))
+        fit = _fit(self.name, structure, data, readings, values, slope)
+        return _with(fit, *_about_correction(data, float(readings.mean[1]), float(values[1])))
 
 
 def refuse_data(name: str, can: Abilities, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
@@ -175,9 +175,9 @@ def _with(fit: Fit, *findings: Finding) -> Fit:
 
 def _theta(structure: Structure, values: Array) -> Array:
     """Gain, time constant and lost input as the structure's parameters; the delay is held at zero."""
-    given = {"gain": values[0], "time_constant": values[1], "delay": 0.0}
+    parameters = {"gain": values[0], "time_constant": values[1], "delay": 0.0}
     return np.array(
-        [given.get(parameter.name, np.nan_to_num(values[2])) for parameter in structure.parameters]
+        [parameters.get(parameter.name, np.nan_to_num(values[2])) for parameter in structure.parameters]
     )
 
 
@@ -197,10 +197,10 @@ def _reading_of_simulation(
         }
         own = [start.get(parameter.name, 0.0) for parameter in structure.nuisance(record)]
         speeds.append(textbook_speed(structure.predict(np.append(theta, own), record).y, record))
-    found = [
+    simulated_readings = [
         read_step(step, data[step.record].t_output, speeds[step.record], rule) for step in readings.steps
     ]
-    mean = np.mean(found, axis=0)
+    mean = np.mean(simulated_readings, axis=0)
     return np.asarray(np.where(np.isnan(readings.mean), 0.0, mean), dtype=np.float64)
 
 
@@ -278,9 +278,9 @@ def _records(structure: Structure, data: Sequence[Dataset], theta: Array) -> tup
 def _remarks(name: str, readings: Readings, data: Sequence[Dataset]) -> list[Finding]:
     """The findings on a reading, by any rule."""
     n = len(readings.steps)
-    found = []
+    findings = []
     if any(record.kind == "position" for record in data):
-        found.append(
+        findings.append(
             info(
                 "speed-derived",
                 f"{name} needs a speed, so the position was differenced and filtered with 50/(s + 50), as textbooks "
@@ -291,24 +291,24 @@ def _remarks(name: str, readings: Readings, data: Sequence[Dataset]) -> list[Fin
         )
     if n < _FEWEST:
         sentence = f"{n} step(s) could be read; a scatter needs {_FEWEST}, so there are no intervals."
-        found.append(warning("scatter-unknown", sentence, parameters=("gain", "time_constant")))
+        findings.append(warning("scatter-unknown", sentence, parameters=("gain", "time_constant")))
     else:
         sentence = (
             f"{n} steps were read; the intervals are their scatter and don't include an error common to all."
         )
-        found.append(info("intervals-from-scatter", sentence, parameters=("gain", "time_constant")))
-    found.append(
+        findings.append(info("intervals-from-scatter", sentence, parameters=("gain", "time_constant")))
+    findings.append(
         info("delay-not-read", f"{name} reads no delay: it is fixed at zero.", parameters=("delay",))
     )
     if readings.left_out:
-        found.append(info("steps-left-out", _sentence(f"not read: {omission_text(readings.left_out)}")))
+        findings.append(info("steps-left-out", _sentence(f"not read: {omission_text(readings.left_out)}")))
     if readings.through_standstill:
         sentence = (
             "The steps start, end or pass at rest, where friction acts differently, so friction is read as a lower "
             "gain. Record steps between two speeds in the same direction."
         )
-        found.append(warning("friction-in-the-gain", sentence, parameters=("gain", "time_constant")))
-    return found
+        findings.append(warning("friction-in-the-gain", sentence, parameters=("gain", "time_constant")))
+    return findings
 
 
 def _about_lag(name: str, data: Sequence[Dataset], read: float, true: float) -> list[Finding]:

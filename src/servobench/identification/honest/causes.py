@@ -90,7 +90,7 @@ def causes(fits: Sequence[Fit], different: Collection[str]) -> tuple[Cause, ...]
         return ()
     weights = 1 / (np.diag(noise) + _DIM * total / len(noise))
     whole = float(weights @ np.diag(scattered))
-    found = []
+    candidates = []
     for name, (direction, words) in _SIGNATURES.items():
         v = np.array(direction, dtype=np.float64)[: logs.shape[1]]
         along = weights * v
@@ -99,13 +99,13 @@ def causes(fits: Sequence[Fit], different: Collection[str]) -> tuple[Cause, ...]
         share = float(along @ scattered @ along) / (float(along @ v) * whole)
         known_best = v / np.diag(noise)
         changes = (logs - logs.mean(axis=0)) @ known_best / float(known_best @ v)
-        found.append(
+        candidates.append(
             Cause(name=name, share=min(share, 1.0), changes=tuple(map(float, changes)), sentence=words)
         )
-    found.sort(key=lambda cause: -cause.share)
-    if not found or found[0].share < _EXPLAINED:
+    candidates.sort(key=lambda cause: -cause.share)
+    if not candidates or candidates[0].share < _EXPLAINED:
         return ()
-    return tuple(cause for cause in found if cause.share > found[0].share - _AS_GOOD)
+    return tuple(cause for cause in candidates if cause.share > candidates[0].share - _AS_GOOD)
 
 
 def _fits_all(v: Array, logs: Array, noise: Array, different: Collection[str]) -> bool:
@@ -141,7 +141,7 @@ def trends(
     """
     from scipy.stats import kendalltau
 
-    found = []
+    correlations = []
     for what, values in beside.items():
         x = np.array(values, dtype=np.float64)
         if not np.isfinite(x).all() or np.ptp(x) == 0:
@@ -149,8 +149,8 @@ def trends(
         for name in names:
             tau, p = kendalltau(x, [fit[name].value for fit in fits])
             if p < 0.05:
-                found.append(Trend(parameter=name, follows=what, sense=int(np.sign(tau)), p=float(p)))
-    return tuple(found)
+                correlations.append(Trend(parameter=name, follows=what, sense=int(np.sign(tau)), p=float(p)))
+    return tuple(correlations)
 
 
 def follows_the_angle(names: Sequence[str], fits: Sequence[Fit]) -> tuple[Trend, ...]:
@@ -167,15 +167,15 @@ def follows_the_angle(names: Sequence[str], fits: Sequence[Fit]) -> tuple[Trend,
     basis = np.column_stack([np.ones(len(angle)), np.cos(angle), np.sin(angle)])
     if np.linalg.matrix_rank(basis, tol=1e-3) < 3:
         return ()
-    found = []
+    dependences = []
     for name in names:
         y = np.array([fit[name].value for fit in fits])
         rest = float(np.sum((y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]) ** 2))
         explained = float(np.sum((y - y.mean()) ** 2)) - rest
         p = float(f.sf(explained / 2 / (rest / (len(y) - 3)), 2, len(y) - 3)) if rest > 0 else 0.0
         if p < 0.05:
-            found.append(Trend(parameter=name, follows="the angle at the start", sense=0, p=p))
-    return tuple(found)
+            dependences.append(Trend(parameter=name, follows="the angle at the start", sense=0, p=p))
+    return tuple(dependences)
 
 
 def _logarithms(fits: Sequence[Fit]) -> tuple[Array, Array]:

@@ -149,8 +149,8 @@ def _compare_runs(
             "runs, or name a structure (`structure=...`)"
         )
     compared = [results[n] for n in used]
-    found = _scatters(compared)
-    different = [each.name for each in found if each.differs and each.name in known[0].model.names]
+    scatters = _scatters(compared)
+    different = [each.name for each in scatters if each.differs and each.name in known[0].model.names]
     apart = {
         "the number of the run": [float(n) for n in used],
         "the size of the input": [float(np.abs(data[n].u).max()) for n in used],
@@ -164,13 +164,13 @@ def _compare_runs(
         runs=tuple(data[n].name for n in used),
         left_out=tuple(record.name for n, record in enumerate(data) if n not in used),
         structure=known[0].structure,
-        parameters=found,
+        parameters=scatters,
         causes=why,
         trends=follows,
         findings=(
             *_without_model([record.name for n, record in enumerate(data) if n not in used]),
             *_without_value(compared),
-            *_findings(found, why, follows, [data[n] for n in used]),
+            *_findings(scatters, why, follows, [data[n] for n in used]),
         ),
     )
 
@@ -220,7 +220,9 @@ def _scatters(results: Sequence[Result]) -> tuple[Scatter, ...]:
     The chance of a false alarm is shared among them. Raises `NotIdentifiable` where there is nothing that all runs know.
     """
     unknown = _unknown(results)
-    seen = {name: [result[name] for result in results] for name in results[0].answers if name not in unknown}
+    estimates_by_name = {
+        name: [result[name] for result in results] for name in results[0].answers if name not in unknown
+    }
     every = [{each.name: each for each in result.combinations} for result in results]
     # A speed belongs to its level: those of different levels aren't the same thing.
     common = {
@@ -228,9 +230,11 @@ def _scatters(results: Sequence[Result]) -> tuple[Scatter, ...]:
         for name, first in every[0].items()
         if all(name in each and each[name].meaning == first.meaning for each in every)
     }
-    seen |= {name: [each[name].estimate for each in every] for name in common}
+    estimates_by_name |= {name: [each[name].estimate for each in every] for name in common}
     known = {
-        name: estimates for name, estimates in seen.items() if all(0 < each.sd < np.inf for each in estimates)
+        name: estimates
+        for name, estimates in estimates_by_name.items()
+        if all(0 < each.sd < np.inf for each in estimates)
     }
     if not known:
         raise NotIdentifiable(
@@ -271,9 +275,9 @@ def _without_value(results: Sequence[Result]) -> list[Finding]:
 
 
 def _findings(
-    found: Sequence[Scatter], why: Sequence[Cause], follows: Sequence[Trend], data: Sequence[Dataset]
+    scatters: Sequence[Scatter], why: Sequence[Cause], follows: Sequence[Trend], data: Sequence[Dataset]
 ) -> list[Finding]:
-    findings = [_about(each, len(data)) for each in found if each.differs]
+    findings = [_about(each, len(data)) for each in scatters if each.differs]
     repeated = _repeats(data)
     if not findings and not repeated:
         findings.append(
@@ -307,7 +311,7 @@ def _findings(
                 "and make the runs look more alike than they are: give each recording once.",
             )
         )
-    if any(each.differs for each in found):
+    if any(each.differs for each in scatters):
         findings += _reasons(why, follows)
     return findings
 

@@ -87,8 +87,8 @@ def scatter(name: str, unit: str, values: Sequence[float], sds: Sequence[float],
     between = paule_mandel(y, s) if differs else 0.0
     weights = 1 / (s**2 + between**2)
     centre = float(weights @ y / weights.sum())
-    seen = float(weights @ (y - centre) ** 2) / freedom
-    wide = float(t.ppf(0.975, freedom) * np.sqrt(max(seen, 1.0) / weights.sum()))
+    reduced_chi_square = float(weights @ (y - centre) ** 2) / freedom
+    wide = float(t.ppf(0.975, freedom) * np.sqrt(max(reduced_chi_square, 1.0) / weights.sum()))
     narrow = TWO_SIDED / float(np.sqrt(plain.sum()))
     half = wide if differs else narrow
     ends = [float(np.sqrt(q / chi2.ppf(level, freedom))) for level in (0.975, 0.025)]

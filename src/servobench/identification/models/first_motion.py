@@ -18,10 +18,10 @@ def latest_delay(data: Sequence[Dataset]) -> float:
 
     It is what there is beyond the delay that the device says of itself.
     """
-    found = [(record, record.first_motion) for record in data]
+    motions = [(record, record.first_motion) for record in data]
     bounds = [
         each.effect - each.cause + _margin(record) - record.delay
-        for record, each in found
+        for record, each in motions
         if each is not None
     ]
     return min(bounds, default=np.inf)

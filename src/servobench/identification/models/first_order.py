@@ -113,21 +113,21 @@ class FirstOrder:
         from servobench.identification.models.search import guess_with_delay, is_held, separable_guesses
 
         guesses = separable_guesses(self, data)
-        found, late = [guess for _, guess in guesses], guess_with_delay(self, data, guesses[0][0])
+        vectors, late = [guess for _, guess in guesses], guess_with_delay(self, data, guesses[0][0])
         if not self.friction:
-            return (*found, *late)
+            return (*vectors, *late)
         if is_held(data):
-            found += self._guess_dead_zone(data, guesses[0][0])
+            vectors += self._guess_dead_zone(data, guesses[0][0])
         # Under one level friction may be anything, and a search from nearly all of the level stays there.
-        found, late = (
+        vectors, late = (
             [guess for guess in each if self._friction_share(guess, data) < _NEARLY_ALL]
-            for each in (found, late)
+            for each in (vectors, late)
         )
-        if all(self._friction_share(guess, data) <= 0.0 for guess in found):
-            found.append(self._guess_some_friction(data))
+        if all(self._friction_share(guess, data) <= 0.0 for guess in vectors):
+            vectors.append(self._guess_some_friction(data))
         return tuple(
             guess
-            for moving in (*found, *late)
+            for moving in (*vectors, *late)
             for guess in beside_rest(moving, self._still(moving, data), self._friction_speed(moving))
         )
 
@@ -311,11 +311,11 @@ class FirstOrder:
         """
         from servobench.identification.models.near_rest import by_excess_friction
 
-        p, found = self.vector(theta, data), np.empty(len(data.t_output))
+        p, derivative = self.vector(theta, data), np.empty(len(data.t_output))
         kind = data.kind if is_plain(data) else data.shaft_kind
         t, u, before = data.t_input, data.u, data.input_before
-        by_excess_friction(t, u, before, data.t_output, p, width, float(kind == "speed"), found)
-        return found if is_plain(data) else data.chain.linear(found[:, None], data.t_output)[:, 0]
+        by_excess_friction(t, u, before, data.t_output, p, width, float(kind == "speed"), derivative)
+        return derivative if is_plain(data) else data.chain.linear(derivative[:, None], data.t_output)[:, 0]
 
     def speed(self, theta: Array, data: Dataset) -> Array:
         """Return the shaft's speed (M,) at the samples, before any chain, for theta (P + Q,)."""

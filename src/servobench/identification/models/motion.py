@@ -34,15 +34,15 @@ def turns_both_ways(data: Sequence[Dataset]) -> bool:
 @keep_with_data
 def _senses(data: Dataset) -> Array:
     """The directions (M,); all forward where a position comes back by no more than the noise of a shaft at rest does."""
-    found = directions(data)
+    senses = directions(data)
     if data.kind == "speed":
-        return found
+        return senses
     forward = 1.0 if data.y[-1] >= data.y[0] else -1.0
     way = forward * data.y
     least = min(_RARE * data.noise, _BACK * float(np.ptp(way)))
     if float(np.max(np.maximum.accumulate(way) - way)) > least:
-        return found
-    return np.where(found * forward > 0.0, found, 0.0)
+        return senses
+    return np.where(senses * forward > 0.0, senses, 0.0)
 
 
 @keep_with_data

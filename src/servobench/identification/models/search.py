@@ -108,13 +108,13 @@ def separable_guesses(structure: Separable, data: Sequence[Dataset]) -> list[tup
     Where the cost has several minima along τ that come near each other, each of them gives a guess (3 at the most).
     Raises `NotIdentifiable` where the output doesn't move or there are too few samples.
     """
-    records, found = _search(structure, data)
+    records, minima = _search(structure, data)
     # A step of the input at the very first sample has no derivative by a delay of exactly zero.
     least = 0.1 * min(record.sample_time for record in data)
     return [
         (trial.cost, _vector(structure, records, trial, least))
-        for trial in found
-        if trial.cost <= _NEAR * found[0].cost
+        for trial in minima
+        if trial.cost <= _NEAR * minima[0].cost
     ]
 
 
@@ -141,11 +141,11 @@ def _search(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Record
     step, points = max(record.sample_time for record in data), _on_a_grid(data)
     ratio = points[1, 0] / points[0, 0]
     trials = _trials(structure, records, points)
-    found = [_refine(structure, records, trial, step, ratio) for trial in _valleys(trials)]
-    found.sort(key=lambda trial: trial.cost)
-    if not found or not np.isfinite(found[0].cost):
+    minima = [_refine(structure, records, trial, step, ratio) for trial in _valleys(trials)]
+    minima.sort(key=lambda trial: trial.cost)
+    if not minima or not np.isfinite(minima[0].cost):
         raise NotIdentifiable("no first-order model fits these data; look at them with `servobench inspect`")
-    return records, found
+    return records, minima
 
 
 def _variation(y: Array) -> float:
@@ -162,11 +162,11 @@ def _with_delays(points: Array, step: float) -> Array:
 
 def is_held(data: Sequence[Dataset]) -> bool:
     """Return whether a shaft stands still in at least one sample in fifty although its input isn't off."""
-    found = [
+    standstills = [
         (directions(record) == 0.0) & (np.abs(record.input_at_output) > 0.02 * np.abs(record.u).max())
         for record in data
     ]
-    return bool(np.mean(np.concatenate(found)) > 0.02)
+    return bool(np.mean(np.concatenate(standstills)) > 0.02)
 
 
 def guess_behind_dead_zone(
@@ -214,11 +214,11 @@ def _valleys(trials: _Trials) -> list[_Trial]:
     """
     costs = np.concatenate([[np.inf], trials.costs, [np.inf]])
     low = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:]) & np.isfinite(costs[1:-1]))
-    found: list[int] = []
+    valleys: list[int] = []
     for n in low[np.argsort(trials.costs[low])]:
-        if not any(_is_ripple(trials, int(n), other) for other in found):
-            found.append(int(n))
-    return [trials.one(n) for n in found[:_VALLEYS]]
+        if not any(_is_ripple(trials, int(n), other) for other in valleys):
+            valleys.append(int(n))
+    return [trials.one(n) for n in valleys[:_VALLEYS]]
 
 
 def _is_ripple(trials: _Trials, one: int, other: int) -> bool:
@@ -402,13 +402,13 @@ def _vector(structure: Separable, records: Sequence[_Record], trial: _Trial, lea
     """The whole parameter vector that a trial stands for, with a delay of `least` [s] or more."""
 
     gain = float(trial.linear[0])
-    found = {"gain": gain, "time_constant": trial.tau, "delay": max(trial.delay, least)}
+    values = {"gain": gain, "time_constant": trial.tau, "delay": max(trial.delay, least)}
     column = 1
     for parameter in (OFFSET, ONE_WAY, COULOMB):
         if parameter in structure.parameters:
             value = float(trial.linear[column]) / gain
-            found[parameter.name] = float(np.clip(value, parameter.lower, parameter.upper))
+            values[parameter.name] = float(np.clip(value, parameter.lower, parameter.upper))
             column += 1
     own = trial.linear[column:].reshape(len(records), -1)
     start = [record.own(linear) for record, linear in zip(records, own, strict=True)]
-    return np.concatenate([[found[parameter.name] for parameter in structure.parameters], *start])
+    return np.concatenate([[values[parameter.name] for parameter in structure.parameters], *start])

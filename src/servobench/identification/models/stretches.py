@@ -45,14 +45,14 @@ def stretches_of_motion(records: Sequence[Dataset]) -> tuple[tuple[Dataset, ...]
     A stretch is a record of its own, and begins and ends while the shaft turns at 5 % of its top speed or faster. A record in
     open loop, of a speed or behind a chain comes back whole, and so does one without two such stretches.
     """
-    found: list[Dataset] = []
+    stretches: list[Dataset] = []
     findings = []
     for data in records:
         parts = _stretches(data)
-        found += parts or (data,)
+        stretches += parts or (data,)
         if parts:
             findings.append(_finding(data, parts))
-    return tuple(found), findings
+    return tuple(stretches), findings
 
 
 def _stretches(data: Dataset) -> tuple[Dataset, ...]:

@@ -56,8 +56,8 @@ def motor_parameters(
     What isn't determined is left out, and a finding says so and what to measure. Raises `UnknownName` or `UsageError` for a
     `known` that no motor has.
     """
-    given = from_values(known or {})
-    parts = [shaft_and_current(fit), stall(stalled), given]
+    known_values = from_values(known or {})
+    parts = [shaft_and_current(fit), stall(stalled), known_values]
     findings = [finding for part in parts for finding in part.findings]
     if not len(parts[0].values):
         return MotorEstimates(findings=tuple(findings))

@@ -62,10 +62,10 @@ def from_values(known: Mapping[str, float | tuple[float, float]]) -> Observation
     `UsageError` for a value that no motor has.
     """
     laws, values, sds = [], [], []
-    for name, given in known.items():
+    for name, entry in known.items():
         if name not in UNITS:
             raise UnknownName("parameter of a motor", name, UNITS)
-        stated = given if isinstance(given, tuple) and len(given) == 2 else (given, 0.0)
+        stated = entry if isinstance(entry, tuple) and len(entry) == 2 else (entry, 0.0)
         value, sd = (to_number(f"known {name}", each) for each in stated)
         if not (math.isfinite(value) and value > 0 and math.isfinite(sd) and sd >= 0):
             raise UsageError(

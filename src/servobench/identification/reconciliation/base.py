@@ -73,12 +73,12 @@ class Question:
 
     def shift(self, *, gain: float = 0.0, time_constant: float = 0.0, delay: float = 0.0) -> Array:
         """Return a shift (D,) by the logarithms of gain and time constant, and a delay [s]."""
-        given = {
+        shifts = {
             "gain": gain,
             "time_constant": time_constant,
             "delay": delay / self.before.get("time_constant", np.inf),
         }
-        return np.array([given[name] for name in self.names])
+        return np.array([shifts[name] for name in self.names])
 
     def distance(self, left: Array) -> float:
         """Return how improbable a rest (D,) of the difference is: its χ²."""

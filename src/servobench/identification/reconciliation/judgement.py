@@ -143,10 +143,10 @@ def _best(cause: Cause, question: Question, sizes: Sizes) -> float:
         return float(tried[at])
     from scipy.optimize import minimize_scalar
 
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         remainder, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low)}
     )
-    return float(found.x) if found.fun < values[at] else float(tried[at])
+    return float(minimum.x) if minimum.fun < values[at] else float(tried[at])
 
 
 def _size(cause: Cause, question: Question, sizes: Sizes, best: float) -> Size:
@@ -190,19 +190,19 @@ def _likely(cause: Cause, question: Question, sizes: Sizes, best: float) -> floa
 def _shares(cause: Cause, question: Question, sizes: Sizes, size: float) -> tuple[Share, ...]:
     """The share of each figure's difference, with the ends that the difference's own interval and the cause's scatter make."""
     effect = cause.effect(question, size)
-    found = []
+    shares = []
     for n, name in enumerate(question.names):
         scatter = float(np.max(sizes.scatter.get(name, 0.0)))
         half = TWO_SIDED * math.hypot(float(question.sd[n]), scatter)
         d, e = float(question.difference[n]), float(effect[n])
         ends = sorted(_share(e, d + side * half) for side in (1, -1))
         known = abs(d) > half
-        found.append(
+        shares.append(
             Share(
                 name=name, value=_share(e, d), interval=(ends[0], ends[1]) if known else (math.nan, math.nan)
             )
         )
-    return tuple(found)
+    return tuple(shares)
 
 
 def _share(effect: float, difference: float) -> float:

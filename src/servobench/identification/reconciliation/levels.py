@@ -17,8 +17,8 @@ _LOST = (
 
 def input_loss(question: Question) -> float:
     """Return the input that friction, offset and dead band take according to the fit; 0 where it knows none for certain."""
-    found = [question.fit[name] for name in question.fit.model.names if name.startswith(_LOST)]
-    sure = [estimate.value for estimate in found if abs(estimate.value) > 2 * estimate.sd]
+    losses = [question.fit[name] for name in question.fit.model.names if name.startswith(_LOST)]
+    sure = [estimate.value for estimate in losses if abs(estimate.value) > 2 * estimate.sd]
     return float(max(sure, default=0.0))
 
 

@@ -72,11 +72,11 @@ def weigh(question: Question) -> tuple[Hypothesis, ...]:
 
 def participation(hypotheses: tuple[Hypothesis, ...]) -> Mapping[str, float]:
     """Return for each cause the probability that it takes part, alone or with another one."""
-    found: dict[str, float] = {}
+    probabilities: dict[str, float] = {}
     for each in hypotheses:
         for name in each.causes:
-            found[name] = found.get(name, 0.0) + each.probability
-    return found
+            probabilities[name] = probabilities.get(name, 0.0) + each.probability
+    return probabilities
 
 
 def helps_another(name: str, hypotheses: tuple[Hypothesis, ...]) -> float:
@@ -87,26 +87,26 @@ def helps_another(name: str, hypotheses: tuple[Hypothesis, ...]) -> float:
     """
     odds = CAUSES[name].occurrence / (1 - CAUSES[name].occurrence)
     at = {each.causes: each.probability for each in hypotheses}
-    found = 0.0
+    surplus = 0.0
     for causes, probability in at.items():
         if name in causes and len(causes) == 2:
             (other,) = set(causes) - {name}
-            found += max(probability - odds * at[other,], 0.0)
-    return found
+            surplus += max(probability - odds * at[other,], 0.0)
+    return surplus
 
 
 def without(hypotheses: tuple[Hypothesis, ...], names: Collection[str]) -> tuple[Hypothesis, ...]:
     """Return the sets less causes that make no part of the difference; where nothing else is in a set, it is chance."""
-    found: dict[tuple[str, ...], float] = {}
+    probabilities: dict[tuple[str, ...], float] = {}
     for each in hypotheses:
         causes = tuple(name for name in each.causes if name not in names) or (CHANCE,)
-        found[causes] = found.get(causes, 0.0) + each.probability
-    return _by_probability(found)
+        probabilities[causes] = probabilities.get(causes, 0.0) + each.probability
+    return _by_probability(probabilities)
 
 
 def _by_probability(probabilities: Mapping[tuple[str, ...], float]) -> tuple[Hypothesis, ...]:
-    found = [Hypothesis(causes=causes, probability=each) for causes, each in probabilities.items()]
-    return tuple(sorted(found, key=lambda each: -each.probability))
+    hypotheses = [Hypothesis(causes=causes, probability=each) for causes, each in probabilities.items()]
+    return tuple(sorted(hypotheses, key=lambda each: -each.probability))
 
 
 def _sizes(name: str, question: Question) -> Sizes | Excluded:

@@ -83,9 +83,9 @@ def explain(
     }
     if not known:
         raise NotIdentifiable(f"there is nothing to compare with: {'; '.join(unknown.values())}")
-    found = _explain(about_claims(result.fit, known, motor=motor, method=method), result)
+    explanation = _explain(about_claims(result.fit, known, motor=motor, method=method), result)
     rest = [f"{claim.text} can't be judged: {why}." for claim, why in unknown.items()]
-    return replace(found, sentences=(*rest, *_about_signs(known, result.fit), *found.sentences))
+    return replace(explanation, sentences=(*rest, *_about_signs(known, result.fit), *explanation.sentences))
 
 
 def _can_be_judged(claim: Claim, fit: Fit) -> bool:
@@ -128,9 +128,9 @@ def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
     causes, hypotheses = _weigh(question)
     explained = likeliest(question, causes, hypotheses, _alike(causes[0], hypotheses))
     first = causes[0]
-    found = warning if first.name == "encoder_scale" and first.probability > 0.5 else info
+    make_finding = warning if first.name == "encoder_scale" and first.probability > 0.5 else info
     return [
-        found(
+        make_finding(
             "nominal-differs", " ".join((difference_text, *explained)), parameters=("gain", "time_constant")
         ),
         info("deciding-experiment", _decisive(causes, hypotheses), parameters=("gain", "time_constant")),
@@ -162,10 +162,12 @@ def _claims(claims: Sequence[Claim | str] | Mapping[str, float], result: Result)
     check_type(
         "claims", claims, (Mapping, Sequence), 'texts such as "tau=0.13", or a dict such as {"tau": 0.13}'
     )
-    given = [f"{name}={value!r}" for name, value in claims.items()] if isinstance(claims, Mapping) else claims
-    for each in given:
+    entries = (
+        [f"{name}={value!r}" for name, value in claims.items()] if isinstance(claims, Mapping) else claims
+    )
+    for each in entries:
         check_type("a claim", each, (Claim, str), "a text such as 'tau=0.13', or a Claim")
-    return tuple(each if isinstance(each, Claim) else Claim.parse(each, unit) for each in given)
+    return tuple(each if isinstance(each, Claim) else Claim.parse(each, unit) for each in entries)
 
 
 def _require_parameters(motor: MotorParameters | None) -> MotorParameters:
@@ -201,15 +203,15 @@ def _explain(question: Question, result: Result) -> Explanation:
 def _weigh(question: Question) -> tuple[tuple[JudgedCause, ...], tuple[Hypothesis, ...]]:
     """All causes, the most probable first and those that can't be one last, and the sets of those that can."""
     hypotheses = weigh(question)
-    found = [judge(name, question, hypotheses) for name in CAUSES.names()]
-    excluded = {each.name for each in found if not each.possible}
-    causes = sorted(found, key=lambda each: (not each.possible, -each.probability))
+    judged_causes = [judge(name, question, hypotheses) for name in CAUSES.names()]
+    excluded = {each.name for each in judged_causes if not each.possible}
+    causes = sorted(judged_causes, key=lambda each: (not each.possible, -each.probability))
     return tuple(causes), without(hypotheses, excluded)
 
 
 def _differences(question: Question) -> tuple[Difference, ...]:
     """The figures of the data and the other ones, with halves of their 95 % intervals."""
-    found = []
+    differences = []
     for n, name in enumerate(question.names):
         estimate = question.fit[name]
         data, half = question.fit[name].value, TWO_SIDED * estimate.sd
@@ -217,7 +219,7 @@ def _differences(question: Question) -> tuple[Difference, ...]:
         other = question.after[name] if is_claim else question.before[name]
         scale = question.before["time_constant"] if name == "delay" else other
         own = question.covariance[n, n] - (estimate.sd / (scale if name == "delay" else abs(data))) ** 2
-        found.append(
+        differences.append(
             Difference(
                 name=name,
                 unit=estimate.unit,
@@ -227,7 +229,7 @@ def _differences(question: Question) -> tuple[Difference, ...]:
                 other_half=TWO_SIDED * float(np.sqrt(max(own, 0.0))) * scale,
             )
         )
-    return tuple(found)
+    return tuple(differences)
 
 
 def _nearest(question: Question) -> Reading | None:
@@ -248,13 +250,13 @@ def _alike(first: JudgedCause, hypotheses: Sequence[Hypothesis]) -> tuple[str, .
     if best is None:
         return ()
     rest = set(best.causes) - {first.name}
-    found: list[str] = []
+    alternatives: list[str] = []
     for each in hypotheses:
         others = set(each.causes) - rest
         replaced = rest < set(each.causes) and len(others) == 1 and not others & {first.name, *_NO_CAUSE}
         if replaced and each.probability > _ALIKE * best.probability:
-            found += others
-    return tuple(found)
+            alternatives += others
+    return tuple(alternatives)
 
 
 def _decisive(causes: Sequence[JudgedCause], hypotheses: Sequence[Hypothesis]) -> str:

@@ -72,11 +72,11 @@ def arx(data: Sequence[Dataset]) -> Regression:
         rows.append(np.column_stack([record.y[:-1], held[:-1], np.ones(len(record.y) - 1)])[ok])
         goals.append(record.y[1:][ok])
     x, y = np.concatenate(rows), np.concatenate(goals)
-    found = np.linalg.lstsq(x, y, rcond=None)[0]
-    a, b, _ = (float(value) for value in found)
+    coefficients = np.linalg.lstsq(x, y, rcond=None)[0]
+    a, b, _ = (float(value) for value in coefficients)
     if not 0 < a < 1:
         raise NotIdentifiable(f"the regression gives a pole at {a:.3g}, which isn't a first-order lag")
-    step, left = data[0].sample_time, y - x @ found
+    step, left = data[0].sample_time, y - x @ coefficients
     variance = float(left @ left) / max(len(y) - 3, 1)
     slopes = np.array([[b / (1 - a) ** 2, 1 / (1 - a), 0.0], [step / (a * math.log(a) ** 2), 0.0, 0.0]])
     return Regression(
@@ -87,8 +87,8 @@ def arx(data: Sequence[Dataset]) -> Regression:
 
 
 def _regression(data: Sequence[Dataset], fit: Fit) -> tuple[float, float]:
-    found = arx(data)
-    return found.gain, found.time_constant
+    regression = arx(data)
+    return regression.gain, regression.time_constant
 
 
 def _by_rule(rule: Rule) -> Callable[[Sequence[Dataset], Fit], tuple[float, float]]:
@@ -102,8 +102,8 @@ def _by_rule(rule: Rule) -> Callable[[Sequence[Dataset], Fit], tuple[float, floa
 def _without_chain(data: Sequence[Dataset], fit: Fit) -> tuple[float, float]:
     bare = [replace(record, declared=Chain(), applied=Chain()) for record in data]
     structure = STRUCTURES[fit.structure.replace("second_order", "first_order")]
-    found = ESTIMATORS["output_error"].fit(structure, bare)
-    return found["gain"].value, found["time_constant"].value
+    bare_fit = ESTIMATORS["output_error"].fit(structure, bare)
+    return bare_fit["gain"].value, bare_fit["time_constant"].value
 
 
 BY_HAND: Mapping[str, Rule] = {"step_63": time_to_63, "log_linear": log_slope, "rise_time": rise_time}
@@ -186,7 +186,7 @@ def _steps_of(fit: Fit, like: Dataset) -> Dataset:
     high = float(np.percentile(np.abs(like.u), 99))
     u = np.tile(np.repeat([high, 0.5 * high], held), 3)
     t = np.asarray(step * np.arange(len(u)), dtype=np.float64)
-    drawn = replace(
+    record = replace(
         like,
         name="simulated steps",
         t_input=t,
@@ -200,21 +200,21 @@ def _steps_of(fit: Fit, like: Dataset) -> Dataset:
         current=None,
         findings=(),
     )
-    own = np.zeros(len(fit.model.structure.nuisance(drawn)))
-    return replace(drawn, y=fit.model.simulate(drawn, own))
+    own = np.zeros(len(fit.model.structure.nuisance(record)))
+    return replace(record, y=fit.model.simulate(record, own))
 
 
 def read_lags(fit: Fit, method: str) -> Lags | None:
     """Return what filters add to the time constant that a method reads off the counts behind a fit; None where it reads none."""
     tau = fit["time_constant"].value
-    found = []
+    lags = []
     for cutoff in _CUTOFFS:
         reading = reenact(fit, (method,), f"derivative | lowpass {cutoff:g} rad/s")[0]
         extra = reading.time_constant - tau
         # A filter makes a step no earlier: where it is read so, the input changed before the filter had settled.
         if not reading.why_not and extra > -_BY_EYE * tau:
-            found.append((cutoff, extra, 0.0))
-    return _lags(found)
+            lags.append((cutoff, extra, 0.0))
+    return _lags(lags)
 
 
 def lags_of_fit(fit: Fit, gain: float, time_constant: float) -> Lags | None:
@@ -227,7 +227,7 @@ def lags_of_fit(fit: Fit, gain: float, time_constant: float) -> Lags | None:
     theta = np.array(
         [values.get(name, value) for name, value in zip(fit.model.names, fit.model.theta, strict=True)]
     )
-    found = []
+    lags = []
     for cutoff in _CUTOFFS[::2]:
         stages = Chain.parse(f"lowpass {cutoff:g} rad/s")
         data = []
@@ -241,13 +241,13 @@ def lags_of_fit(fit: Fit, gain: float, time_constant: float) -> Lags | None:
         except NotIdentifiable:
             continue  # behind so slow a filter nothing is left of the motor; the faster ones say what there is
         delay = again["delay"].value - fit["delay"].value if "delay" in fit.model.names else 0.0
-        found.append((cutoff, again["time_constant"].value - time_constant, delay))
-    return _lags(found)
+        lags.append((cutoff, again["time_constant"].value - time_constant, delay))
+    return _lags(lags)
 
 
-def _lags(found: Sequence[tuple[float, float, float]]) -> Lags | None:
+def _lags(lags: Sequence[tuple[float, float, float]]) -> Lags | None:
     """Sorted by what they add; None for less than two."""
-    if len(found) < 2:
+    if len(lags) < 2:
         return None
-    cutoffs, extra, delays = np.array(sorted(found, key=lambda each: each[1])).T
+    cutoffs, extra, delays = np.array(sorted(lags, key=lambda each: each[1])).T
     return Lags(cutoffs=cutoffs, extra=extra, delays=delays)

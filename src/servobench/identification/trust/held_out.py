@@ -188,8 +188,8 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
         starts = [_start(fit, record) for record in part.rest]
         other = estimator.fit(structure, part.rest, (np.concatenate([theta, *starts]),))
         # Under the noise of the whole: another search for it in each part takes long, and a part says less of it.
-        found = other.vector if fit.disturbance is None else maximum_likelihood(other, fit.disturbance)
-        held = [simulate_record(structure, found[: len(theta)], record) for record in part.held]
+        vector = other.vector if fit.disturbance is None else maximum_likelihood(other, fit.disturbance)
+        held = [simulate_record(structure, vector[: len(theta)], record) for record in part.held]
     except NotIdentifiable:
         return None
     foretold = _foretold(held, other)
@@ -303,11 +303,11 @@ def _levels(data: Dataset, edges: Array) -> list[float]:
     bounds = _bounds(data, edges)
     if len(bounds) - 1 > _SEGMENTS or np.median(np.diff(bounds)) < _DWELL * data.sample_time:
         return []
-    found: list[float] = []
+    levels: list[float] = []
     for level in sorted(_level_at(data, start) for start in bounds[:-1]):
-        if not found or level - found[-1] > _SAME * _range([data]):
-            found.append(level)
-    return found if len(found) in _LEVELS else []
+        if not levels or level - levels[-1] > _SAME * _range([data]):
+            levels.append(level)
+    return levels if len(levels) in _LEVELS else []
 
 
 def _bounds(data: Dataset, edges: Array) -> Array:

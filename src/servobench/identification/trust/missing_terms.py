@@ -304,7 +304,7 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
         return []
     names = [name for name in fit.model.names if name != "delay"]
     unsure = [name for name in names if not 2 * fit[name].sd < abs(fit[name].value)]
-    found = []
+    findings = []
     if unsure:
         unsure_text = ", ".join(f"{n} ({fit[n].value:.3g} ± {TWO_SIDED * fit[n].sd:.2g})" for n in unsure)
         sentence = (
@@ -312,7 +312,7 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
             "higher than the data support, which makes the others less certain: try "
             f"{_lower(structure)}."
         )
-        found.append(warning("term-not-told-from-zero", sentence, parameters=tuple(unsure)))
+        findings.append(warning("term-not-told-from-zero", sentence, parameters=tuple(unsure)))
     last = f"a{structure.order}"
     data = fit.records[0].data
     if data.kind == "position" and not structure.integrator and last in unsure:
@@ -321,8 +321,8 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
             "near zero, as for a motor that keeps turning while it is driven: better to fix it "
             f"than to estimate it, with _integrator ({_lower(structure)})."
         )
-        found.append(info("integrator-likely", sentence, parameters=(last,)))
-    return found
+        findings.append(info("integrator-likely", sentence, parameters=(last,)))
+    return findings
 
 
 def _lower(structure: Rational) -> str:

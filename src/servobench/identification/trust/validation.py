@@ -35,7 +35,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
     """
     check_type("fit", fit, Fit, "the fit of a Result, result.fit")
     rounding = is_rounding(fit)
-    found = [_size(fit, rounding)] if rounding is not None else []
+    findings = [_size(fit, rounding)] if rounding is not None else []
     # Of a first-order model the intervals hold what the residual says, and experience with such models.
     first_order = {"gain", "time_constant"} <= set(fit.model.names)
     say = info if first_order else warning
@@ -45,7 +45,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
             if first_order
             else "The intervals allow for the colour, but not for a bias."
         )
-        found.append(
+        findings.append(
             say(
                 "residual-coloured",
                 "The residual isn't white noise: something that the model leaves out acts on the "
@@ -56,7 +56,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
     # Rounding that repeats with the input follows it, too; but where each count is where it belongs, no response is missing.
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
     if tied > TIED and not counted:
-        found.append(
+        findings.append(
             say(
                 "residual-follows-input",
                 f"The residual is correlated with the input ({tied:.0f} standard deviations at "
@@ -64,7 +64,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
                 "model.",
             )
         )
-    return tuple(found)
+    return tuple(findings)
 
 
 def explains_the_colour(fit: Fit) -> bool:

@@ -73,13 +73,13 @@ def frequency_band(fit: Fit, omega: Array, output: Output = "speed") -> Frequenc
         # The delay's part comes after: it has none in the magnitude, and may turn fast between two frequencies.
         return np.concatenate([np.log(np.abs(ratio)), np.unwrap(np.angle(ratio)) - system.delay * omega])
 
-    found = propagate(fit, logarithm)
-    half = _half(found)
+    propagation = propagate(fit, logarithm)
+    half = _half(propagation)
     count = len(omega)
     return FrequencyBand(
         omega=omega,
-        magnitude=np.exp(found.value[:count]),
-        phase=found.value[count:],
+        magnitude=np.exp(propagation.value[:count]),
+        phase=propagation.value[count:],
         magnitude_half=half[:count],
         phase_half=half[count:],
     )
@@ -87,8 +87,8 @@ def frequency_band(fit: Fit, omega: Array, output: Output = "speed") -> Frequenc
 
 def step_band(fit: Fit, t: Array, output: Output = "speed") -> StepBand:
     """Return the response of the fit's linear part to a step of one unit at t = 0, at times t (N,) [s] from 0 on."""
-    found = propagate(fit, lambda model: step_response(model.transfer_function(output), t))
-    return StepBand(t=t, y=found.value, half=_half(found))
+    propagation = propagate(fit, lambda model: step_response(model.transfer_function(output), t))
+    return StepBand(t=t, y=propagation.value, half=_half(propagation))
 
 
 def pole_bands(fit: Fit, output: Output = "speed") -> tuple[PoleBand, ...]:
@@ -116,9 +116,9 @@ def coefficient_halves(fit: Fit, output: Output = "speed") -> Array:
     return TWO_SIDED * deviation(gradient(fit, coefficients), fit.covariance)
 
 
-def _half(found: Propagation) -> Array:
+def _half(propagation: Propagation) -> Array:
     """The larger of the two sides of each interval: a band that is drawn evenly about its curve holds the whole interval."""
-    return np.maximum(found.high - found.value, found.value - found.low)
+    return np.maximum(propagation.high - propagation.value, propagation.value - propagation.low)
 
 
 def _rational(system: TransferFunction, omega: Array) -> NDArray[np.complex128]:

@@ -33,8 +33,10 @@ def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:
         words = list_text([parameter_in_words(name, parameters[name]["unit"]) for name in open_ones])
         values = f"value of the {words} is" if len(open_ones) == 1 else f"values of {words} are"
         sentences.append(f"The {values} {_CHOICE}")
-    found = [each["sentence"] for each in document.get("findings", []) if each.get("code") == _WHERE]
-    return (*sentences, *found)
+    range_sentences = [
+        each["sentence"] for each in document.get("findings", []) if each.get("code") == _WHERE
+    ]
+    return (*sentences, *range_sentences)
 
 
 def _open(names: Sequence[str], document: Mapping[str, Any]) -> Iterator[str]:

@@ -68,11 +68,11 @@ def _ways(fit: Fit) -> Iterator[Array]:
         held = start.copy()
         held[at] = tau
         held[fit.model.names.index("gain")] *= tau / start[at]
-        found = lowest(structure, data, (held,), free)
-        if not found.cost > 0 or samples * np.log(found.cost / cost) > _CHANCE:
+        minimum = lowest(structure, data, (held,), free)
+        if not minimum.cost > 0 or samples * np.log(minimum.cost / cost) > _CHANCE:
             return
-        start = found.theta
-        yield _way(fit, found.theta[: len(fit.model.theta)])
+        start = minimum.theta
+        yield _way(fit, minimum.theta[: len(fit.model.theta)])
 
 
 def _way(fit: Fit, there: Array) -> Array:

@@ -76,23 +76,23 @@ class ParameterStatus:
 def parameter_statuses(fit: Fit) -> dict[str, ParameterStatus]:
     """Return what a fit tells of each of its parameters, by name."""
     known = {each.name: each for each in combinations(fit)}
-    found = {name: _status(fit, name, estimate, known) for name, estimate in fit.estimates.items()}
-    if not any(may_be_zero(found[name]) for name in ("gain", "loop_gain") if name in found):
-        return found
-    return {name: replace(each, state=State.UNKNOWN, remedy=_remedy(name)) for name, each in found.items()}
+    statuses = {name: _status(fit, name, estimate, known) for name, estimate in fit.estimates.items()}
+    if not any(may_be_zero(statuses[name]) for name in ("gain", "loop_gain") if name in statuses):
+        return statuses
+    return {name: replace(each, state=State.UNKNOWN, remedy=_remedy(name)) for name, each in statuses.items()}
 
 
 def combinations(fit: Fit) -> tuple[Combination, ...]:
     """Return the combinations of parameters that are known where not all of their parts are, in the order of `answers`."""
     parts = fit.estimates
-    found = [
+    candidates = [
         each
         for each in (make(fit) for make in (_lag, _drive, _acceleration, _acceleration_at_level))
         if each is not None and _relative(each.estimate) <= _TOGETHER and _tells_more(each, parts)
     ]
     # The acceleration under one level follows from either of the others.
-    elsewhere = any(each.name in ("acceleration", "speed_at_level") for each in found)
-    return tuple(each for each in found if not (elsewhere and each.name == "acceleration_at_level"))
+    elsewhere = any(each.name in ("acceleration", "speed_at_level") for each in candidates)
+    return tuple(each for each in candidates if not (elsewhere and each.name == "acceleration_at_level"))
 
 
 def _tells_more(whole: Combination, parts: Mapping[str, Estimate]) -> bool:
@@ -199,8 +199,8 @@ def _drive(fit: Fit) -> Combination | None:
     sense = sense_of_friction(fit, level)
     meaning = f"speed at {_level_in_words(level, data.input_unit)}"
     unit = f"{data.position_unit}/s"
-    found = _combine(fit, "speed_at_level", meaning, ("gain", lost[0]), unit, speed)
-    return replace(found, input_level=level, input_unit=data.input_unit)
+    combination = _combine(fit, "speed_at_level", meaning, ("gain", lost[0]), unit, speed)
+    return replace(combination, input_level=level, input_unit=data.input_unit)
 
 
 def drive_level(fit: Fit) -> float:
@@ -246,8 +246,10 @@ def _acceleration_at_level(fit: Fit) -> Combination | None:
 
     meaning = f"acceleration at {_level_in_words(level, data.input_unit)}"
     parameters = ("gain", lost[0], "time_constant")
-    found = _combine(fit, "acceleration_at_level", meaning, parameters, f"{data.position_unit}/s²", slope)
-    return replace(found, input_level=level, input_unit=data.input_unit)
+    combination = _combine(
+        fit, "acceleration_at_level", meaning, parameters, f"{data.position_unit}/s²", slope
+    )
+    return replace(combination, input_level=level, input_unit=data.input_unit)
 
 
 def _level_in_words(level: float, unit: str) -> str:

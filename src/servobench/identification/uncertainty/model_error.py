@@ -142,15 +142,15 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
 
 def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
     """Return the fit with the line of its budget for model error; the same where there is nothing to add."""
-    found = model_error(fit, one_level)
-    if found is None or not any(found.shares.values()):
+    error = model_error(fit, one_level)
+    if error is None or not any(error.shares.values()):
         return fit
     finite = np.isfinite(np.diag(fit.covariance))
-    added = beyond(found.covariance, np.where(np.outer(finite, finite), fit.covariance, 0.0))
+    added = beyond(error.covariance, np.where(np.outer(finite, finite), fit.covariance, 0.0))
     added[~finite, :] = 0.0
     added[:, ~finite] = 0.0
-    few = min(found.events.values())
-    return fit.widen(Contribution(source=SOURCE, covariance=added, reason=_reason(found, few), freedom=few))
+    few = min(error.events.values())
+    return fit.widen(Contribution(source=SOURCE, covariance=added, reason=_reason(error, few), freedom=few))
 
 
 def _evident(fit: Fit, ratio: float, events: float) -> float:
@@ -175,14 +175,14 @@ def _of(each: Mapping[str, float], name: str) -> float:
     return max(value for of, value in each.items() if of != "lag")
 
 
-def _reason(found: ModelError, events: float) -> str:
+def _reason(error: ModelError, events: float) -> str:
     if events < _ONE:
         return (
             "the record has one event, which can't show how wrong the model is: allowed for from experience with "
             f"{_EXPERIENCE}; a second step would make this less"
         )
     return (
-        f"the residual moves the parameters {found.ratio:.1f} times as much as white noise would; beyond that, from experience "
+        f"the residual moves the parameters {error.ratio:.1f} times as much as white noise would; beyond that, from experience "
         f"with {_EXPERIENCE}"
     )
 
@@ -300,7 +300,7 @@ def _jumps(u: Array, least: float) -> NDArray[np.int64]:
 
 def _turns(u: Array, least: float) -> list[int]:
     """The samples from which an input (N,) goes up or down by more than `least` after it went the other way."""
-    found, way = [], 0
+    turns, way = [], 0
     high = low = 0
     values = u.tolist()
     for n in np.flatnonzero(
@@ -310,12 +310,12 @@ def _turns(u: Array, least: float) -> list[int]:
         high = n if value > values[high] else high
         low = n if value < values[low] else low
         if way >= 0 and value < values[high] - least:
-            found.append(high)
+            turns.append(high)
             way, low = -1, n
         elif way <= 0 and value > values[low] + least:
-            found.append(low)
+            turns.append(low)
             way, high = 1, n
-    return found
+    return turns
 
 
 def _of_short_records(fit: Fit, lag: float) -> Array:

@@ -34,16 +34,18 @@ def possible_covariance(test: ScoreTest, *forms: Array, doubt: float = 0.0) -> A
     """
     shared = len(test.fit.model.theta)
     rests = [(column, column - test.basis @ (test.basis.T @ column)) for column in forms]
-    seen = [(c, rest) for c, rest in rests if float(rest @ rest) > _NOTHING * float(c @ c)]
+    visible_forms = [(c, rest) for c, rest in rests if float(rest @ rest) > _NOTHING * float(c @ c)]
     added = np.zeros((shared, shared))
-    if not seen:
+    if not visible_forms:
         return added
     none = (1.0 - doubt) * _NONE
-    logarithms = (1.0 - doubt) * np.array([_log_likelihood(rest, test.innovations) for _, rest in seen])
+    logarithms = (1.0 - doubt) * np.array(
+        [_log_likelihood(rest, test.innovations) for _, rest in visible_forms]
+    )
     highest = float(logarithms.max())
     likely = (1.0 - none) / logarithms.size * np.exp(logarithms - highest)
     likely /= none * np.exp(-highest) + float(likely.sum())
-    for (column, _), each in zip(seen, likely, strict=True):
+    for (column, _), each in zip(visible_forms, likely, strict=True):
         off = test.joint_shift(column)[:shared]
         added += float(each @ _SIZES**2) * np.outer(off, off)
     return added

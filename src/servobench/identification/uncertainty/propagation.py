@@ -151,17 +151,19 @@ def sample_time_of(fit: Fit) -> float:
 def _margins_with_intervals(
     fit: Fit, around: Output, quantities: Callable[[TransferFunction], Array]
 ) -> dict[str, Derived]:
-    found = propagate(fit, lambda model: quantities(model.transfer_function(around)))
+    propagation = propagate(fit, lambda model: quantities(model.transfer_function(around)))
     lagging = quantities(_with_lag(fit, around))
-    known = np.isfinite(lagging) & np.isfinite(found.value)
+    known = np.isfinite(lagging) & np.isfinite(propagation.value)
     off = np.zeros_like(lagging)
-    off[known] = lagging[known] - found.value[known]
-    found = replace(found, low=found.low + np.minimum(off, 0.0), high=found.high + np.maximum(off, 0.0))
-    return _by_name(found, _OF_THE_LOOP)
+    off[known] = lagging[known] - propagation.value[known]
+    propagation = replace(
+        propagation, low=propagation.low + np.minimum(off, 0.0), high=propagation.high + np.maximum(off, 0.0)
+    )
+    return _by_name(propagation, _OF_THE_LOOP)
 
 
-def _numbers(found: Margins) -> Array:
-    return np.array([getattr(found, name) for name in _OF_THE_LOOP])
+def _numbers(stability_margins: Margins) -> Array:
+    return np.array([getattr(stability_margins, name) for name in _OF_THE_LOOP])
 
 
 def _with_lag(fit: Fit, around: Output) -> TransferFunction:
@@ -230,8 +232,8 @@ def _follows_its_plane(
             theta = fit.model.theta + step
             if (theta < lower).any() or (theta > upper).any():
                 return False
-            found = _attempt(function, replace(fit.model, theta=theta), value)[known]
-            off = np.abs(found - value[known] - slopes[known] @ step)
+            edge_values = _attempt(function, replace(fit.model, theta=theta), value)[known]
+            off = np.abs(edge_values - value[known] - slopes[known] @ step)
             if not (off <= 0.25 * _BEND * half[known] + 1e-9 * np.abs(value[known])).all():
                 return False
     return True
@@ -315,8 +317,8 @@ def _sampled_ends(
     The true quantiles of the plane are known. The rank that they have among its values at these draws is the rank of the
     ends among the function's values: chance is taken out so far as the two go together.
     """
-    drawn, plain = draws(fit, count)
-    values = np.array([_attempt(function, replace(fit.model, theta=theta), value) for theta in drawn])
+    thetas, plain = draws(fit, count)
+    values = np.array([_attempt(function, replace(fit.model, theta=theta), value) for theta in thetas])
     missing = np.isnan(values)
     values = np.sort(np.where(missing, value, values), axis=0)
     half = TWO_SIDED * deviation(slopes, fit.covariance)
@@ -355,14 +357,14 @@ def _hangs_on_unknown(slopes: Array, covariance: Array) -> NDArray[np.bool_]:
     return np.asarray((slopes[:, unknown] != 0.0).any(axis=1), dtype=np.bool_)
 
 
-def _by_name(found: Propagation, units: Mapping[str, str]) -> dict[str, Derived]:
+def _by_name(propagation: Propagation, units: Mapping[str, str]) -> dict[str, Derived]:
     return {
         name: Derived(
-            value=float(found.value[n]),
-            interval=(float(found.low[n]), float(found.high[n])),
+            value=float(propagation.value[n]),
+            interval=(float(propagation.low[n]), float(propagation.high[n])),
             level=LEVEL,
             unit=unit,
-            method="sampling" if found.sampled[n] else "first order",
+            method="sampling" if propagation.sampled[n] else "first order",
         )
         for n, (name, unit) in enumerate(units.items())
     }

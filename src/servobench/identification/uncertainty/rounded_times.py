@@ -43,15 +43,17 @@ def with_rounded_times(fit: Fit) -> Fit:
     steps = [time_step(record.data) for record in fit.records]
     if fit.disturbance is not None or not any(steps):
         return fit
-    found = _covariance(fit, steps)
+    covariance = _covariance(fit, steps)
     own = np.diag(fit.covariance)
     usable = np.isfinite(own) & (own > 0)
-    if not np.any(np.diag(found)[usable] > _WORTH_A_LINE**2 * own[usable]):
+    if not np.any(np.diag(covariance)[usable] > _WORTH_A_LINE**2 * own[usable]):
         return fit
-    found[~usable, :] = 0.0
-    found[:, ~usable] = 0.0
+    covariance[~usable, :] = 0.0
+    covariance[:, ~usable] = 0.0
     reason = f"the times at which the input changed are rounded to {max(steps) * 1e6:.4g} µs"
-    return fit.widen(Contribution(source="rounded times", covariance=found, reason=reason, freedom=_DRAWS))
+    return fit.widen(
+        Contribution(source="rounded times", covariance=covariance, reason=reason, freedom=_DRAWS)
+    )
 
 
 def time_step(data: Dataset) -> float:

@@ -193,8 +193,8 @@ class ScoreTest:
     def joint_shift(self, lacking: Array) -> Array:
         """The errors of the joint vector (P + ΣQ,) if the innovations of all records lack that: (J'J)⁻¹ J' lacking."""
         off = np.zeros(len(self.scale))
-        matters, seen = self.matters, self.basis.T @ lacking
-        off[matters] = np.linalg.lstsq(self.triangle, seen, rcond=1e-12)[0] / self.scale[matters]
+        matters, projection = self.matters, self.basis.T @ lacking
+        off[matters] = np.linalg.lstsq(self.triangle, projection, rcond=1e-12)[0] / self.scale[matters]
         return off
 
     def _in_sd(self, off: Array) -> float:

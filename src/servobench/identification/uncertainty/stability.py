@@ -95,24 +95,24 @@ def continuous_loop_over_intervals(
 
 def _judge(fit: Fit, verdict: Callable[[Model], StabilityVerdict], what: str) -> OverIntervals:
     own = verdict(fit.model)
-    drawn, _ = draws(fit, _DRAWS)
+    thetas, _ = draws(fit, _DRAWS)
     corners = list(_corners(fit))
-    of_draws = Counter(verdict(replace(fit.model, theta=theta)) for theta in drawn)
+    of_draws = Counter(verdict(replace(fit.model, theta=theta)) for theta in thetas)
     of_corners = Counter(verdict(replace(fit.model, theta=theta)) for theta in corners)
     sd = np.sqrt(np.diag(fit.covariance))
     unknown = tuple(name for name, s in zip(fit.model.names, sd, strict=True) if not np.isfinite(s))
-    alike, share = of_corners[own], of_draws[own] / len(drawn)
-    everywhere = alike == len(corners) and of_draws[own] == len(drawn)
+    alike, share = of_corners[own], of_draws[own] / len(thetas)
+    everywhere = alike == len(corners) and of_draws[own] == len(thetas)
     return OverIntervals(
         verdict=own,
         everywhere=everywhere,
         share=share,
         corners=len(corners),
         corners_alike=alike,
-        draws=len(drawn),
+        draws=len(thetas),
         undetermined=unknown,
         sentence=_sentence(
-            what, own, everywhere, alike, len(corners), share, len(drawn), _list(fit, unknown)
+            what, own, everywhere, alike, len(corners), share, len(thetas), _list(fit, unknown)
         ),
     )
 
@@ -139,17 +139,17 @@ def _sentence(
     alike: int,
     corners: int,
     share: float,
-    drawn: int,
+    draw_count: int,
     unknown: str,
 ) -> str:
     if everywhere:
         sentence = (
             f"Over the 95 % intervals {what} is {verdict} everywhere: with each parameter at either end of its interval, in all "
-            f"{corners} combinations, and for {drawn} sets of parameters drawn at random from what the fit leaves open."
+            f"{corners} combinations, and for {draw_count} sets of parameters drawn at random from what the fit leaves open."
         )
     else:
         sentence = (
-            f"At the estimate {what} is {verdict}, but the data leave it open: {percent(100 * share)} % of {drawn} sets of "
+            f"At the estimate {what} is {verdict}, but the data leave it open: {percent(100 * share)} % of {draw_count} sets of "
             f"parameters drawn at random from the fit say so, and {alike} of the {corners} combinations of the ends of their "
             "95 % intervals."
         )

@@ -66,10 +66,10 @@ def with_static_friction(fit: Fit) -> Fit:
         "static friction is larger than sliding friction, which one Coulomb friction can't describe. Identify records in which "
         "the motor keeps turning."
     )
-    found = warning(
+    finding = warning(
         "static-friction", sentence, parameters=("coulomb_voltage", "gain", "time_constant", "delay")
     )
-    return _widen(replace(fit, findings=(*fit.findings, found)), low, high)
+    return _widen(replace(fit, findings=(*fit.findings, finding)), low, high)
 
 
 def _widen(fit: Fit, low: float, high: float) -> Fit:
@@ -102,10 +102,10 @@ def breakaway(data: Dataset) -> Breakaway | None:
         return None
     sense, lag, friction = law
     ends = [_ends(data, run, step, sense, lag) for run in runs]
-    found = [(start, max(stop, friction)) for start, stop in ends if start > 0]
-    if len(found) < _FEW:
+    start_stop_pairs = [(start, max(stop, friction)) for start, stop in ends if start > 0]
+    if len(start_stop_pairs) < _FEW:
         return None
-    start, stop = np.array(found).T
+    start, stop = np.array(start_stop_pairs).T
     return Breakaway(start=start, stop=stop)
 
 

@@ -48,8 +48,8 @@ class Assessment:
 
     def code(self, student: str) -> str:
         """Return the code on a student's form, which says whose it is and by which secret; it tells nothing else."""
-        drawn = hash_words(self.secret, _FORM, self.exercise.name, same_name(student)).hex()[:12]
-        return f"{_NO_NUMBER}{drawn}"
+        digest = hash_words(self.secret, _FORM, self.exercise.name, same_name(student)).hex()[:12]
+        return f"{_NO_NUMBER}{digest}"
 
     def stand(self, student: str) -> MotorStand:
         """Return the stand of a student: the recording that they get and, where they have the motor, further runs of it."""

@@ -64,14 +64,14 @@ def hand_out(
             f"{assessment.exercise.source}: none of its blanks can be answered from what students get ({why}); use "
             f"another exercise{more}"
         )
-    found = []
+    handouts = []
     for number, (student, recording, asked) in enumerate(made):
         _write(assessment, student, recording, blanks, folder / student.folder)
         stopped = recording.stopped
         cut_short = "" if stopped.reason == "finished" else stopped.sentence
-        found.append(Handout(student=student, asked=asked, cut_short=cut_short))
+        handouts.append(Handout(student=student, asked=asked, cut_short=cut_short))
         reached((len(students) + number + 1) / (2 * len(students)))
-    return tuple(found)
+    return tuple(handouts)
 
 
 def for_students(exercise: Exercise, blanks: Sequence[Blank]) -> Exercise:

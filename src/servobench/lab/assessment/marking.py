@@ -160,26 +160,26 @@ def _choose_form(forms: list[Form]) -> tuple[Form | None, tuple[str, ...]]:
 
 def _mark(question: Question, form: Form | None, stand: MotorStand) -> Mark:
     blank = question.blank
-    given = "" if form is None else form.answers.get(blank.id, "")
+    answer = "" if form is None else form.answers.get(blank.id, "")
     if not question.is_answerable:
-        return Mark(blank=blank.id, verdict="not asked", given=given, sentence=question.why_not)
-    if not given.strip():
+        return Mark(blank=blank.id, verdict="not asked", given=answer, sentence=question.why_not)
+    if not answer.strip():
         gone = form is not None and blank.id not in form.answers
         sentence = "The form has no such line." if gone else "There is no answer."
         return Mark(blank=blank.id, verdict="missing", given="", sentence=sentence)
-    checked = _check(question, given, stand)
+    checked = _check(question, answer, stand)
     return Mark(
-        blank=blank.id, verdict="right" if checked.right else "wrong", given=given, sentence=checked.sentence
+        blank=blank.id, verdict="right" if checked.right else "wrong", given=answer, sentence=checked.sentence
     )
 
 
-def _check(question: Question, given: str, stand: MotorStand) -> CheckedAnswer:
+def _check(question: Question, answer: str, stand: MotorStand) -> CheckedAnswer:
     blank = question.blank
     try:
-        return check_blank(blank, given, stand.facts)
+        return check_blank(blank, answer, stand.facts)
     except (NotIdentifiable, UsageError):
         # A known mistake may need what this stand can't tell; the right answer doesn't.
-        return check_blank(blank.model_copy(update={"mistakes": ()}), given, stand.facts)
+        return check_blank(blank.model_copy(update={"mistakes": ()}), answer, stand.facts)
 
 
 def check_there_are_forms(forms: Sequence[Form], unread: Sequence[str], folder: object) -> None:

@@ -49,22 +49,22 @@ def all_blanks(questions: Sequence[tuple[Question, ...]]) -> tuple[Blank, ...]:
 
 def pass_rates(questions: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
     """Return, by blanks, which part of the right answers of others would pass for a student's own; NaN with one student alone."""
-    found = {}
+    rates = {}
     for column in zip(*questions, strict=True):
         known = [question for question in column if question.is_answerable]
         pairs = [(mine, other) for mine in known for other in known if mine is not other]
         passed = sum(abs(other.right - mine.right) <= mine.allowed for mine, other in pairs)
-        found[column[0].blank.id] = passed / len(pairs) if pairs else math.nan
-    return found
+        rates[column[0].blank.id] = passed / len(pairs) if pairs else math.nan
+    return rates
 
 
 def same_for_all(questions: Sequence[tuple[Question, ...]]) -> Mapping[str, bool]:
     """Return for each blank whether all students have the same right answer; False with a single student."""
-    found = {}
+    agreement = {}
     for column in zip(*questions, strict=True):
         right = [question.right for question in column if question.is_answerable]
-        found[column[0].blank.id] = len(right) > 1 and all(each == right[0] for each in right)
-    return found
+        agreement[column[0].blank.id] = len(right) > 1 and all(each == right[0] for each in right)
+    return agreement
 
 
 def form_pass_rate(questions: Sequence[tuple[Question, ...]]) -> float:

@@ -38,7 +38,7 @@ def read_roster(path: Path) -> tuple[Student, ...]:
             f"{path}: there is no column `{COLUMN}`; its first row has {', '.join(map(repr, table.headings))}. Put a "
             f"header row before the first student, with a column `{COLUMN}`"
         )
-    seen: dict[str, tuple[str, int]] = {}
+    entries: dict[str, tuple[str, int]] = {}
     mistakes = []
     students = []
     for row in table.rows:
@@ -48,14 +48,14 @@ def read_roster(path: Path) -> tuple[Student, ...]:
             mistakes.append(
                 f"{path}:{row.line}: {name[:40]!r} isn't an id; expected 1 to {_LONGEST} characters"
             )
-        elif key in seen:
-            other, line = seen[key]
+        elif key in entries:
+            other, line = entries[key]
             mistakes.append(
                 f"{path}:{row.line}: {name!r} is the same as {other!r} in line {line}: both would get the same "
                 "motor, as capitals and blanks don't count"
             )
         else:
-            seen[key] = (name, row.line)
+            entries[key] = (name, row.line)
             students.append(name)
     if mistakes:
         raise FormatError("\n".join(mistakes))

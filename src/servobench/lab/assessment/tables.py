@@ -95,9 +95,9 @@ def harmless(cell: str) -> str:
 
 def strip_apostrophe(cell: str) -> str:
     """Return a cell without the apostrophe that `harmless` put before it."""
-    kept = cell.strip()
-    inner = kept[1:]
-    return inner if kept.startswith("'") and harmless(inner) == kept else kept
+    text = cell.strip()
+    inner = text[1:]
+    return inner if text.startswith("'") and harmless(inner) == text else text
 
 
 def _is_number(text: str) -> bool:

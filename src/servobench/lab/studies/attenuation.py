@@ -84,7 +84,7 @@ class AttenuationTable(StudySettings):
     def _figure(self, sample_time: float) -> Illustration:
         omega = np.geomspace(0.1 * self.cutoff, math.pi / sample_time, _POINTS)
         exact = np.array([attenuation(self.cutoff, w).amplitude for w in omega])
-        drawn = (
+        lines = (
             Line(x=omega, y=exact, label="the filter", mark="wide"),
             Line(x=omega, y=self._compute("euler", omega, sample_time), label="Euler", mark="dashed"),
             Line(x=omega, y=self._compute("tustin", omega, sample_time), label="Tustin", mark="thin"),
@@ -99,4 +99,4 @@ class AttenuationTable(StudySettings):
                 f"Amplitude over frequency behind a filter of {plain(self.cutoff)} rad/s: 70.7 % at the cut-off, then falling "
                 "to a tenth for each tenfold of the frequency."
             ),
-            graphs=(Graph(title="Amplitude", over="frequency (rad/s)", lines=drawn, log="xy", ends=(0.01, 1.3)),),)  # fmt: skip
+            graphs=(Graph(title="Amplitude", over="frequency (rad/s)", lines=lines, log="xy", ends=(0.01, 1.3)),),)  # fmt: skip

@@ -140,11 +140,11 @@ def carry_out(study: Study, stand: Stand) -> StudyResult:
 
 def facts_in(name: str, shown: StudyResult) -> dict[str, Fact]:
     """Return the facts of a study: its own as `name_fact`, the numbers of its tables as `name_column_row`, counted from 1."""
-    found = {f"{name}_{key}": fact for key, fact in shown.facts.items()}
+    facts = {f"{name}_{key}": fact for key, fact in shown.facts.items()}
     for table in shown.tables:
         for column in table.columns:
-            found.update(_cells(f"{name}_{column.name}", column.values))
-    return found
+            facts.update(_cells(f"{name}_{column.name}", column.values))
+    return facts
 
 
 def _cells(name: str, values: Iterable[Cell]) -> dict[str, Fact]:

@@ -101,7 +101,7 @@ class Breakaway(StudySettings):
                     digits=3,
                 ),
             ),
-            note=f"Seen {with_unit(self._lateness(stand), 'V', 2)} late: the ramp continues while the shaft turns "
+            note=f"CheckRun {with_unit(self._lateness(stand), 'V', 2)} late: the ramp continues while the shaft turns "
             f"its first {_MOVED + 1} counts. The voltage alone doesn't show how much of the loss is friction.",
         )
         return StudyResult(tables=(table,), figures=(_figure(own, ramps[-1], self.cases[-1]),))
@@ -109,8 +109,8 @@ class Breakaway(StudySettings):
     def _lateness(self, stand: Stand) -> float:
         """The rise of the ramp [V] from the moment at which the data sheet's motor begins to slide until that is seen."""
         rate, tau = self.to / self.duration, required_fact(stand, "sheet_time_constant")
-        seen = (_MOVED + 1) * 2 * math.pi / required_fact(stand, "counts_per_rev")
-        turned = seen / (required_fact(stand, "sheet_gain") * rate * tau**2)
+        angle = (_MOVED + 1) * 2 * math.pi / required_fact(stand, "counts_per_rev")
+        turned = angle / (required_fact(stand, "sheet_gain") * rate * tau**2)
         low, high = (
             0.0,
             2.0 + math.sqrt(2 * turned),

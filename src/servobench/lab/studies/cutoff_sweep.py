@@ -159,12 +159,12 @@ def _rises(cutoffs: tuple[float, ...], speeds: list[Dataset], readings: Readings
     """The first step that was read, behind three of the filters."""
     step = next((s for s in readings.steps if s.after > s.before), readings.steps[0])
     shown = sorted({0, len(cutoffs) // 2, len(cutoffs) - 1}, reverse=True)
-    drawn = []
+    lines = []
     for mark, n in zip(_MARKS, shown, strict=False):
         here = step.samples(speeds[n].t_output)
         since = speeds[n].t_output[here] - step.start
         near = since <= 6 * float(readings.mean[1])
-        drawn.append(
+        lines.append(
             Line(
                 x=since[near], y=speeds[n].y[here][near], label=f"{plain(cutoffs[n])} rad/s", mark=mark
             )
@@ -177,7 +177,7 @@ def _rises(cutoffs: tuple[float, ...], speeds: list[Dataset], readings: Readings
             f"The speed after a step behind filters of {', '.join(plain(cutoffs[n]) for n in shown)} rad/s: the lower the "
             "cut-off, the smoother and the later."
         ),
-        graphs=(Graph(title="Speed (rad/s)", over="time since the step (s)", lines=tuple(drawn)),),
+        graphs=(Graph(title="Speed (rad/s)", over="time since the step (s)", lines=tuple(lines)),),
     )
 
 

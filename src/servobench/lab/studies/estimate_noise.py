@@ -77,14 +77,16 @@ class EstimateNoise(StudySettings):
         counts = stand.facts["counts_per_rev"].value
         cases = list(self._cases(square, stand.experiment.sample_time, counts))
         motions: dict[tuple[float, float], Dataset] = {}
-        found = []
+        scatters = []
         for number, case in enumerate(cases):
             key = (case.sample_time, case.amplitude)
             if key not in motions:
                 motions[key] = _motion(stand, square, case)
             random = np.random.default_rng([self.seed, number])
-            found.append(_scatter(motions[key], case, truth, random.uniform(size=self.runs)))
-        return StudyResult(tables=(_table(cases, found, self.runs),), facts={"runs": Fact(value=self.runs)})
+            scatters.append(_scatter(motions[key], case, truth, random.uniform(size=self.runs)))
+        return StudyResult(
+            tables=(_table(cases, scatters, self.runs),), facts={"runs": Fact(value=self.runs)}
+        )
 
     def _cases(self, square: Square, sample_time: float, counts: float) -> Iterator[_Case]:
         amplitude = 0.5 * (square.high - square.low)
@@ -133,9 +135,9 @@ def _scatter(motion: Dataset, case: _Case, truth: Truth, places: Array) -> _Scat
     prediction = structure.predict(best.vector, motion)
     jacobian = prediction.jacobian[prediction.valid]
     bound = np.sqrt(np.diag(inverse(jacobian.T @ jacobian)) * quantum**2 / 12)
-    found = [method.fit(structure, [_count_motion(motion, quantum, float(p))], [best.vector]) for p in places]
-    values = np.array([each.model.theta[:2] for each in found])
-    stated = np.sqrt(np.mean([np.diag(each.covariance)[:2] for each in found], axis=0))
+    fits = [method.fit(structure, [_count_motion(motion, quantum, float(p))], [best.vector]) for p in places]
+    values = np.array([each.model.theta[:2] for each in fits])
+    stated = np.sqrt(np.mean([np.diag(each.covariance)[:2] for each in fits], axis=0))
     size = np.array([truth.gain, truth.time_constant])
     return _Scatter(
         bound=_pair(bound[:2] / size),
@@ -154,7 +156,7 @@ def _pair(values: Array) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _table(cases: Sequence[_Case], found: Sequence[_Scatter], runs: int) -> Table:
+def _table(cases: Sequence[_Case], scatters: Sequence[_Scatter], runs: int) -> Table:
     def column(name: str, heading: str, values: Sequence[float]) -> Column:
         return Column(name=name, heading=heading, unit="ppm", digits=2, values=tuple(1e6 * v for v in values))
 
@@ -163,12 +165,12 @@ def _table(cases: Sequence[_Case], found: Sequence[_Scatter], runs: int) -> Tabl
         columns=(
             Column(name="varied", heading="varied", values=tuple(case.varied for case in cases)),
             Column(name="value", heading="to", values=tuple(case.value for case in cases)),
-            column("gain_bound", "K: bound", [each.bound[0] for each in found]),
-            column("gain_stated", "K: stated", [each.stated[0] for each in found]),
-            column("gain_scatter", f"K: over {runs} encoders", [each.scatter[0] for each in found]),
-            column("tau_bound", "τ: bound", [each.bound[1] for each in found]),
-            column("tau_stated", "τ: stated", [each.stated[1] for each in found]),
-            column("tau_scatter", f"τ: over {runs} encoders", [each.scatter[1] for each in found]),
+            column("gain_bound", "K: bound", [each.bound[0] for each in scatters]),
+            column("gain_stated", "K: stated", [each.stated[0] for each in scatters]),
+            column("gain_scatter", f"K: over {runs} encoders", [each.scatter[0] for each in scatters]),
+            column("tau_bound", "τ: bound", [each.bound[1] for each in scatters]),
+            column("tau_stated", "τ: stated", [each.stated[1] for each in scatters]),
+            column("tau_scatter", f"τ: over {runs} encoders", [each.scatter[1] for each in scatters]),
         ),
         note="In millionths of the value (ppm). Everything else is as in the exercise's own experiment.",
     )

@@ -42,13 +42,13 @@ class LoopMargins(OfAMotor):
         gain, tau = self.motor(stand)
         h = stand.experiment.sample_time
         paper, sampled = on_paper(law, gain, tau), open_loop(law, gain, tau, 0.0, h)
-        found = (margins(paper), sampled_margins(sampled))
+        both_margins = (margins(paper), sampled_margins(sampled))
         closed = (closed_loop(paper), closed_sampled_loop(sampled))
         numbers = {
-            "crossover": ("gain crossover", "rad/s", [m.gain_crossover for m in found]),
-            "phase": ("phase margin", "°", [math.degrees(m.phase_margin) for m in found]),
-            "gain": ("gain margin", "", [m.gain_margin for m in found]),
-            "delay": ("delay margin", "s", [m.delay_margin for m in found]),
+            "crossover": ("gain crossover", "rad/s", [m.gain_crossover for m in both_margins]),
+            "phase": ("phase margin", "°", [math.degrees(m.phase_margin) for m in both_margins]),
+            "gain": ("gain margin", "", [m.gain_margin for m in both_margins]),
+            "delay": ("delay margin", "s", [m.delay_margin for m in both_margins]),
             "bandwidth": ("bandwidth of L/(1 + L)", "rad/s", [_bandwidth(paper), closed_bandwidth(sampled)]),
         }
         columns = (
@@ -66,8 +66,8 @@ class LoopMargins(OfAMotor):
         return StudyResult(
             tables=(Table(title=f"Margins with {gains_text(law)}", columns=columns, note=note),),
             figures=(
-                _bode(paper, sampled, found[1].gain_crossover),
-                _nyquist(sampled, found[1].gain_crossover),
+                _bode(paper, sampled, both_margins[1].gain_crossover),
+                _nyquist(sampled, both_margins[1].gain_crossover),
             ),
             sentences=(closed[1].sentence,),
             facts={"right": Fact(value=float(closed[1].right or 0))},

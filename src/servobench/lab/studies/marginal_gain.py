@@ -180,8 +180,8 @@ class MarginalGain(OfAMotor):
         return t[:end], y[:end]
 
     def _figure(self, swings: Sequence[_Swing]) -> Illustration:
-        seen = [each for each in swings if each.k in self.gains and len(each.t)]
-        drawn = tuple(
+        candidates = [each for each in swings if each.k in self.gains and len(each.t)]
+        courses = tuple(
             Course(
                 title=f"k = {plain(each.k)}",
                 panels=(
@@ -193,7 +193,7 @@ class MarginalGain(OfAMotor):
                     ),
                 ),
             )
-            for each in seen[:_SHOWN]
+            for each in candidates[:_SHOWN]
         )
         return Illustration(
             name="swings",
@@ -203,7 +203,7 @@ class MarginalGain(OfAMotor):
                 "of the speed."
             ),
             description="Oscillations that decay with a small gain and grow with a large one.",
-            draw=partial(figures.time_courses, drawn),
+            draw=partial(figures.time_courses, courses),
         )
 
 
@@ -220,8 +220,8 @@ def _growth(t: Array, y: Array, near: float) -> tuple[float, float]:
         weights, *_ = np.linalg.lstsq(base, y, rcond=None)
         return np.asarray(y - base @ weights, dtype=np.float64)
 
-    found = least_squares(remainder, (0.0, near), x_scale=(0.1, 1.0))
-    return float(found.x[0]), float(found.x[1])
+    fit = least_squares(remainder, (0.0, near), x_scale=(0.1, 1.0))
+    return float(fit.x[0]), float(fit.x[1])
 
 
 def _next(tried: Mapping[float, _Swing]) -> float | None:

@@ -85,8 +85,8 @@ class Methods(StudySettings):
             chained=measure(stand.recording, self.chain),
         )
         timed = [_time_method(method, views) for method in _METHODS]
-        found, costs = [each.estimate for each in timed], [each.cost for each in timed]
-        if not any(math.isfinite(each.time_constant) for each in found):
+        estimates, costs = [each.estimate for each in timed], [each.cost for each in timed]
+        if not any(math.isfinite(each.time_constant) for each in estimates):
             raise NotIdentifiable(
                 f"no method finds a time constant in {stand.recording.name}; {timed[-1].why_not}"
             )
@@ -95,9 +95,9 @@ class Methods(StudySettings):
             "true_time_constant": Fact(value=truth.time_constant),
         }
         return StudyResult(
-            tables=(_table(found, costs, truth),),
-            figures=(_figure(found, truth),),
-            sentences=(*_sentences(found, truth), *(each.why_not for each in timed if each.why_not)),
+            tables=(_table(estimates, costs, truth),),
+            figures=(_figure(estimates, truth),),
+            sentences=(*_sentences(estimates, truth), *(each.why_not for each in timed if each.why_not)),
             facts=facts,
         )
 
@@ -119,13 +119,13 @@ def _time_method(method: _Method, views: _Views) -> _TimedMethod:
     try:
         method.estimate(views)
         before = time.perf_counter()
-        found = method.estimate(views)
+        estimate = method.estimate(views)
     except NotIdentifiable as error:
         return _TimedMethod(
             estimate=_NOTHING,
             why_not=f"{method.label} on the {method.sees} gives nothing: {f'{error}'.rstrip('.')}.",
         )
-    return _TimedMethod(estimate=found, cost=1e3 * (time.perf_counter() - before))
+    return _TimedMethod(estimate=estimate, cost=1e3 * (time.perf_counter() - before))
 
 
 def _fit(estimator: str, structure: str, data: Dataset) -> Fit:
@@ -152,12 +152,12 @@ def _arx(view: Callable[[_Views], Dataset]) -> Callable[[_Views], _Estimate]:
     def estimate(views: _Views) -> _Estimate:
         from servobench.identification.reconciliation.reenactment import arx
 
-        found = arx([view(views)])
-        gain_sd, tau_sd = np.sqrt(np.diag(found.covariance))
+        regression = arx([view(views)])
+        gain_sd, tau_sd = np.sqrt(np.diag(regression.covariance))
         return _Estimate(
-            gain=found.gain,
+            gain=regression.gain,
             gain_sd=float(gain_sd),
-            time_constant=found.time_constant,
+            time_constant=regression.time_constant,
             time_constant_sd=float(tau_sd),
         )
 
@@ -222,7 +222,7 @@ _METHODS = (
 )  # fmt: skip
 
 
-def _table(found: Sequence[_Estimate], costs: Sequence[float], truth: Truth) -> Table:
+def _table(estimates: Sequence[_Estimate], costs: Sequence[float], truth: Truth) -> Table:
     def column(name: str, heading: str, unit: str, values: Sequence[Cell], digits: int = 4) -> Column:
         return Column(name=name, heading=heading, unit=unit, values=tuple(values), digits=digits)
 
@@ -231,11 +231,13 @@ def _table(found: Sequence[_Estimate], costs: Sequence[float], truth: Truth) -> 
         columns=(
             column("method", "method", "", [method.label for method in _METHODS]),
             column("sees", "looks at", "", [method.sees for method in _METHODS]),
-            column("gain", "K", "rad/(s·V)", [each.gain for each in found], 5),
-            column("time_constant", "τ", "s", [each.time_constant for each in found], 5),
-            column("error", "error", "%", [100 * _off(each, truth) / truth.time_constant for each in found], 2),
-            column("sd", "stated sd", "ms", [1e3 * each.time_constant_sd for each in found], 2),
-            column("sds", "in sds", "", [each.sds_off(truth) for each in found], 2),
+            column("gain", "K", "rad/(s·V)", [each.gain for each in estimates], 5),
+            column("time_constant", "τ", "s", [each.time_constant for each in estimates], 5),
+            column(
+                "error", "error", "%", [100 * _off(each, truth) / truth.time_constant for each in estimates], 2
+            ),
+            column("sd", "stated sd", "ms", [1e3 * each.time_constant_sd for each in estimates], 2),
+            column("sds", "in sds", "", [each.sds_off(truth) for each in estimates], 2),
             column("cost", "time", "ms", costs, 2),
         ),
         note=(
@@ -250,8 +252,8 @@ def _off(each: _Estimate, truth: Truth) -> float:
     return each.time_constant - truth.time_constant
 
 
-def _sentences(found: Sequence[_Estimate], truth: Truth) -> list[str]:
-    sds = [(each.sds_off(truth), method) for each, method in zip(found, _METHODS, strict=True)]
+def _sentences(estimates: Sequence[_Estimate], truth: Truth) -> list[str]:
+    sds = [(each.sds_off(truth), method) for each, method in zip(estimates, _METHODS, strict=True)]
     known_sds = [(z, method) for z, method in sds if math.isfinite(z)]
     wrong = sum(z > _FAIR for z, _ in known_sds)
     worst, method = max(known_sds, key=lambda each: each[0])
@@ -263,7 +265,7 @@ def _sentences(found: Sequence[_Estimate], truth: Truth) -> list[str]:
     ]
 
 
-def _figure(found: Sequence[_Estimate], truth: Truth) -> Illustration:
+def _figure(estimates: Sequence[_Estimate], truth: Truth) -> Illustration:
     from servobench.core.rounding import TWO_SIDED
     from servobench.report import figures
     from servobench.report.illustrations import Illustration
@@ -274,7 +276,7 @@ def _figure(found: Sequence[_Estimate], truth: Truth) -> Illustration:
             percent=100 * _off(each, truth) / truth.time_constant,
             half=100 * TWO_SIDED * each.time_constant_sd / truth.time_constant,
         )
-        for method, each in zip(_METHODS, found, strict=True)
+        for method, each in zip(_METHODS, estimates, strict=True)
         if math.isfinite(each.time_constant_sd)
     )
     errors = "; ".join(f"{row.name.replace(chr(10), ', ')}: {plain(row.percent, 2)} %" for row in rows)

@@ -65,11 +65,13 @@ def _fact(estimate: Estimate) -> Fact:
 
 
 def _table(alone: Mapping[str, Estimate], both: Mapping[str, Estimate], truth: Truth) -> Table:
-    def values(found: Mapping[str, Estimate]) -> tuple[Cell, ...]:
-        return tuple(found[name].value if name in found else math.nan for name in _NAMES)
+    def values(estimates: Mapping[str, Estimate]) -> tuple[Cell, ...]:
+        return tuple(estimates[name].value if name in estimates else math.nan for name in _NAMES)
 
-    def sds(found: Mapping[str, Estimate]) -> tuple[Cell, ...]:
-        return tuple(100 * found[n].sd / found[n].value if n in found else math.nan for n in _NAMES)
+    def sds(estimates: Mapping[str, Estimate]) -> tuple[Cell, ...]:
+        return tuple(
+            100 * estimates[n].sd / estimates[n].value if n in estimates else math.nan for n in _NAMES
+        )
 
     return Table(
         title="The same by identification",

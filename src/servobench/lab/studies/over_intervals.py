@@ -73,8 +73,8 @@ class OverIntervals(StudySettings):
 
 def _poles(fit: Fit) -> dict[str, Estimate]:
     """The real parts of the poles to the speed, with their intervals."""
-    found = propagate(fit, lambda model: np.sort(model.transfer_function("speed").poles.real)[::-1])
-    names = ["pole"] if len(found.value) == 1 else [f"pole_{n + 1}" for n in range(len(found.value))]
+    poles = propagate(fit, lambda model: np.sort(model.transfer_function("speed").poles.real)[::-1])
+    names = ["pole"] if len(poles.value) == 1 else [f"pole_{n + 1}" for n in range(len(poles.value))]
     return {
         name: Estimate(
             value=float(value),
@@ -83,7 +83,7 @@ def _poles(fit: Fit) -> dict[str, Estimate]:
             level=LEVEL,
             unit="1/s",
         )
-        for name, value, low, high in zip(names, found.value, found.low, found.high, strict=True)
+        for name, value, low, high in zip(names, poles.value, poles.low, poles.high, strict=True)
     }
 
 

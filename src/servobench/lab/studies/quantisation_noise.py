@@ -90,7 +90,7 @@ def _figure(sample_times: Sequence[float], quantum: float, fastest: float) -> Il
     speeds = (
         arch / _POINTS * np.arange(max(last - _ARCHES, 0) * _POINTS, last * _POINTS + 1, dtype=np.float64)
     )
-    drawn = [
+    lines = [
         Line(
             x=speeds,
             y=np.array([derivative_noise(w, T, quantum) for w in speeds]),
@@ -111,5 +111,5 @@ def _figure(sample_times: Sequence[float], quantum: float, fastest: float) -> Il
             f"Noise of the difference over the speed: arches from zero to {plain(largest, 3)} rad/s, one for each count a "
             f"sample, {plain(2 * largest, 3)} rad/s wide."
         ),
-        graphs=(Graph(title="Noise, rms (rad/s)", over="speed (rad/s)", lines=tuple(drawn)),),
+        graphs=(Graph(title="Noise, rms (rad/s)", over="speed (rad/s)", lines=tuple(lines)),),
     )

@@ -75,7 +75,7 @@ class ReadingErrors(StudySettings):
         """The error over the cut-off, a line for each of the first speeds, at the first sample time."""
         sample_time = self.sample_times[0]
         cutoffs = np.geomspace(10.0, 1.8 / sample_time, _POINTS)
-        drawn = [
+        lines = [
             Line(
                 x=cutoffs,
                 y=_errors(speed, motor, sample_time, quantum, cutoffs),
@@ -92,7 +92,7 @@ class ReadingErrors(StudySettings):
                 f"Sampled every {plain(1e3 * sample_time)} ms."
             ),
             description="The rms error of a reading at 63.2 %: it falls with the cut-off, has a flat bottom, and rises again.",
-            graphs=(Graph(title="Error, rms (ms)", over="cut-off (rad/s)", lines=tuple(drawn), log="xy"),),)  # fmt: skip
+            graphs=(Graph(title="Error, rms (ms)", over="cut-off (rad/s)", lines=tuple(lines), log="xy"),),)  # fmt: skip
 
 
 def _errors(speed: float, motor: float, sample_time: float, quantum: float, cutoffs: Array) -> Array:

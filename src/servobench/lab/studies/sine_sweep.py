@@ -169,10 +169,10 @@ class SineSweep(StudySettings):
     def _figure(self, points: Sequence[_Point], truth: Truth | None) -> Illustration:
         from servobench.lab.graphs import Graph, Line, figure_of
 
-        seen = points[1:]
-        f = np.array([p.frequency for p in seen])
+        sines = points[1:]
+        f = np.array([p.frequency for p in sines])
         size, angle = self._laws(f, truth) if truth else ((), ())
-        gains, phases = np.array([_db(p.gain) for p in seen]), np.degrees([p.phase for p in seen])
+        gains, phases = np.array([_db(p.gain) for p in sines]), np.degrees([p.phase for p in sines])
         caption = "Dashed: the linear motor. Points: measured." if truth else "Points: measured."
         if truth and self._reverses(truth):
             caption += " Blue: with the effect of friction at reversals."
@@ -182,7 +182,7 @@ class SineSweep(StudySettings):
             caption,
             "; ".join(
                 f"{plain(p.frequency)} Hz: {plain(_db(p.gain))} dB, {plain(math.degrees(p.phase), 3)}°"
-                for p in seen
+                for p in sines
             ),
             tuple(
                 Graph(

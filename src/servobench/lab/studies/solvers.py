@@ -118,13 +118,13 @@ class Solvers(StudySettings):
         """The exact speed, and Euler's with steps that a first-order motor just bears."""
         simple = replace(whole, inductance=0.0)
         shown: Sequence[tuple[float, Mark]] = ((0.002, "strong"), (0.02, "thin"), (0.08, "dashed"))
-        drawn = []
+        lines = []
         fine = np.linspace(0, _SPAN, 400)
-        drawn.append(Line(x=fine, y=_exact(whole, self.voltage, fine), label="exact", mark="wide"))
+        lines.append(Line(x=fine, y=_exact(whole, self.voltage, fine), label="exact", mark="wide"))
         for step, mark in shown:
             t = _times(step)
             speed = _speeds("euler", simple, self.voltage, step, len(t))
-            drawn.append(Line(x=t, y=speed, label=f"{plain(1e3 * step)} ms", mark=mark))
+            lines.append(Line(x=t, y=speed, label=f"{plain(1e3 * step)} ms", mark=mark))
         return figure_of(
             name="solvers",
             title="Forward Euler on the motor without inductance",
@@ -133,7 +133,7 @@ class Solvers(StudySettings):
                 "whole step."
             ),
             description="The speed by forward Euler with steps of 2, 20 and 80 ms, and the exact one, which is the slowest.",
-            graphs=(Graph(title="Speed (rad/s)", over="time (s)", lines=tuple(drawn)),),
+            graphs=(Graph(title="Speed (rad/s)", over="time (s)", lines=tuple(lines)),),
         )
 
 

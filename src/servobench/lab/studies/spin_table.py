@@ -69,11 +69,11 @@ class SpinTable(StudySettings):
                 f"the shaft stands still at {still[0]:g} V; expected voltages that overcome the friction"
             )
         k = np.array([(level.voltage - resistance * level.current) / level.speed for level in levels])
-        found = _parameters(levels, resistance, float(k.mean()), sheet.inertia)
+        parameters = _parameters(levels, resistance, float(k.mean()), sheet.inertia)
         return StudyResult(
-            tables=(_table(levels, k), _all(found, truth, sheet)),
-            figures=(_figure(levels, found),),
-            facts={name: Fact(value=value) for name, value in found.items()},
+            tables=(_table(levels, k), _all(parameters, truth, sheet)),
+            figures=(_figure(levels, parameters),),
+            facts={name: Fact(value=value) for name, value in parameters.items()},
         )
 
 
@@ -126,7 +126,7 @@ _ROWS: tuple[tuple[str, str, str], ...] = (
 )
 
 
-def _all(found: dict[str, float], truth: Truth | None, sheet: MotorParameters) -> Table:
+def _all(parameters: dict[str, float], truth: Truth | None, sheet: MotorParameters) -> Table:
     stated: dict[str, float] = {
         "resistance": sheet.resistance,
         "motor_constant": sheet.motor_constant,
@@ -145,7 +145,9 @@ def _all(found: dict[str, float], truth: Truth | None, sheet: MotorParameters) -
         columns=(
             Column(name="parameter", heading="parameter", values=tuple(label for _, label, _ in _ROWS)),
             Column(
-                name="found", heading="from the tables", values=tuple(found[name] for name, _, _ in _ROWS)
+                name="found",
+                heading="from the tables",
+                values=tuple(parameters[name] for name, _, _ in _ROWS),
             ),
             Column(
                 name="sheet",
@@ -159,12 +161,12 @@ def _all(found: dict[str, float], truth: Truth | None, sheet: MotorParameters) -
     )
 
 
-def _figure(levels: Sequence[Level], found: dict[str, float]) -> Illustration:
+def _figure(levels: Sequence[Level], parameters: dict[str, float]) -> Illustration:
     from servobench.lab.graphs import Graph, Line, figure_of
 
     w = np.array([level.speed for level in levels])
-    torque = 1e3 * found["motor_constant"] * np.array([level.current for level in levels])
-    b, coulomb = 1e3 * found["viscous_friction"], 1e3 * found["coulomb_torque"]
+    torque = 1e3 * parameters["motor_constant"] * np.array([level.current for level in levels])
+    b, coulomb = 1e3 * parameters["viscous_friction"], 1e3 * parameters["coulomb_torque"]
     most = float(np.abs(w).max())
     sides = [
         Line(x=x, y=b * x + coulomb * np.sign(x), mark="strong", label=label)

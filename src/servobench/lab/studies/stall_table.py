@@ -80,10 +80,10 @@ def block_shaft(experiment: Experiment, voltages: Sequence[float], dwell: float)
 def _resistance(v: Array, i: Array) -> tuple[float, float]:
     """The slope of V over i by least squares of i on V, as the noise is the current's, and its standard deviation [Ω]."""
     x = np.column_stack([v, np.ones(len(v))])
-    found = np.linalg.lstsq(x, i, rcond=None)[0]
-    left = i - x @ found
+    coefficients = np.linalg.lstsq(x, i, rcond=None)[0]
+    left = i - x @ coefficients
     sd = np.sqrt(float(left @ left) / max(len(v) - 2, 1) * np.linalg.inv(x.T @ x)[0, 0])
-    return float(1 / found[0]), float(sd / found[0] ** 2)
+    return float(1 / coefficients[0]), float(sd / coefficients[0] ** 2)
 
 
 def _table(v: Array, i: Array, each: Array, slope: float, sd: float) -> Table:

@@ -126,7 +126,7 @@ class SteadyStateErrors(OfAMotor):
 def _figure(tried: list[_Trial]) -> Illustration:
     import numpy as np
 
-    drawn = tuple(
+    courses = tuple(
         Course(
             title=f"{x.reference.capitalize()}: {gains_text(x.law)}",
             panels=(
@@ -145,4 +145,4 @@ def _figure(tried: list[_Trial]) -> Illustration:
         title="The error over time",
         caption="Reference minus position, above for the step and below for the ramp.",
         description="; ".join(f"{x.reference} with {gains_text(x.law)}: {plain(x.error, 3)} rad at the end" for x in tried) + ".",
-        courses=drawn)  # fmt: skip
+        courses=courses)  # fmt: skip

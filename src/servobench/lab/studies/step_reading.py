@@ -92,7 +92,7 @@ class StepReading(StudySettings):
     def _behind(self, tau: float) -> float:
         return behind_filter(tau, 1 / self.cutoff)
 
-    def _figure(self, recording: Recording, seen: float) -> Illustration:
+    def _figure(self, recording: Recording, time_constant: float) -> Illustration:
         motion = motion_of(recording)
         t, rough = speed_of(recording, "derivative")
         _, smooth = speed_of(recording, f"derivative | lowpass {self.cutoff:g} rad/s")
@@ -101,7 +101,7 @@ class StepReading(StudySettings):
             "The step, and the speed with and without the filter",
             "Wide and grey: differences of the angle. Thin and blue: the same behind the filter, smoother and later.",
             f"The speed rises to {plain(float(smooth[-1]), 3)} rad/s; behind the filter it passes 63.2 % of it "
-            f"{with_unit(seen, 's', 3)} after the step.",
+            f"{with_unit(time_constant, 's', 3)} after the step.",
             (
                 Course(
                     panels=(

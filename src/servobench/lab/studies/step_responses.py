@@ -65,12 +65,12 @@ class StepResponses(OfAMotor):
                     "step_responses: all controllers must control the same output as the experiment's"
                 )
             experiment = stand.experiment.model_copy(update={"controller": controller})
-            found = response_after(stand.run(experiment), change.start, change.of, chain)
+            response = response_after(stand.run(experiment), change.start, change.of, chain)
             ideal = without_friction(law, gain, tau, experiment, chain)
-            measured.append(figures_of(found, change.initial, change.final))
+            measured.append(figures_of(response, change.initial, change.final))
             linear.append(figures_of(ideal, change.initial, change.final))
             formulas.append(_formulas(controller, gain, tau))
-            courses.append((found, ideal))
+            courses.append((response, ideal))
         return StudyResult(
             tables=tuple(table(formulas, linear, measured, change) for table in (self._peaks, self._rest)),
             figures=(_figure(list(zip(_names(self.controllers), courses, strict=True))[:_SHOWN], change),),
@@ -119,9 +119,13 @@ class StepResponses(OfAMotor):
             )
         columns += [
             Column(
-                name=name, heading=heading, unit="%", values=tuple(100 * x.overshoot for x in found), digits=3
+                name=name,
+                heading=heading,
+                unit="%",
+                values=tuple(100 * x.overshoot for x in step_figures),
+                digits=3,
             )
-            for name, heading, found in (
+            for name, heading, step_figures in (
                 ("overshoot_linear", "overshoot, no friction", linear),
                 ("overshoot", "overshoot, run", measured),
             )
@@ -136,7 +140,7 @@ class StepResponses(OfAMotor):
         change: Change,
     ) -> Table:
         """The poles, where there are two, and what else the responses show."""
-        ideal_rises, rises = (tuple(x.rise_time for x in found) for found in (linear, measured))
+        ideal_rises, rises = (tuple(x.rise_time for x in step_figures) for step_figures in (linear, measured))
         errors, voltages = tuple(x.error for x in measured), tuple(x.voltage for x in measured)
         numbers = np.array(formulas)
         columns = [_controllers(self.controllers)]
@@ -199,9 +203,9 @@ def _cells(values: np.ndarray) -> tuple[Cell, ...]:
     return tuple(float(value) for value in values)
 
 
-def _course(name: str, found: Response, ideal: Response, change: Change) -> Course:
+def _course(name: str, response: Response, ideal: Response, change: Change) -> Course:
     curves = (
-        Curve(t=found.t, y=found.output, look="measured", label="run"),
+        Curve(t=response.t, y=response.output, look="measured", label="run"),
         Curve(t=ideal.t, y=ideal.output, look="model", label="no friction"),
     )
     return Course(
@@ -211,7 +215,7 @@ def _course(name: str, found: Response, ideal: Response, change: Change) -> Cour
             Panel(
                 title="Voltage",
                 unit="V",
-                curves=(Curve(t=found.t, y=found.voltage, look="input"),),
+                curves=(Curve(t=response.t, y=response.voltage, look="input"),),
                 height=80.0,
             ),
         ),

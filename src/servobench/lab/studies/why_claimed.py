@@ -33,18 +33,20 @@ class WhyClaimed(StudySettings):
         from servobench.recordings.measurement.measure import measure
 
         claim = Claim.parse(self.claim)
-        found = why(
+        explanation = why(
             identify(measure(stand.recording)), [claim], nominal=self.sheet, method=self.method or None
         )
-        if not found.differences:
-            raise NotIdentifiable(" ".join(found.sentences))
-        return StudyResult(tables=(_readings(found), _causes(found)), sentences=found.sentences)
+        if not explanation.differences:
+            raise NotIdentifiable(" ".join(explanation.sentences))
+        return StudyResult(
+            tables=(_readings(explanation), _causes(explanation)), sentences=explanation.sentences
+        )
 
 
-def _readings(found: Explanation) -> Table:
+def _readings(explanation: Explanation) -> Table:
     from servobench.identification.reconciliation.reenactment import SPOKEN
 
-    readings = found.readings
+    readings = explanation.readings
     return Table(
         title="The same recording, read by others",
         columns=(
@@ -66,8 +68,8 @@ def _readings(found: Explanation) -> Table:
     )
 
 
-def _causes(found: Explanation) -> Table:
-    causes = found.causes
+def _causes(explanation: Explanation) -> Table:
+    causes = explanation.causes
     return Table(
         title="What could have made the difference",
         columns=(

@@ -116,9 +116,9 @@ def recording_in(batches: Sequence[Any], schema: Any, path: Path, format: str) -
 
 def _foreign(table: Any, schema: Any, path: Path, format: str) -> Recording:
     with format_errors(path.name, format):
-        found = leaves(schema, path.name)
-    wanted = [leaf for leaf in found if not leaf.skipped]
-    skipped = [f"{leaf.name} ({leaf.skipped})" for leaf in found if leaf.skipped]
+        all_leaves = leaves(schema, path.name)
+    wanted = [leaf for leaf in all_leaves if not leaf.skipped]
+    skipped = [f"{leaf.name} ({leaf.skipped})" for leaf in all_leaves if leaf.skipped]
     if not wanted:
         raise FormatError(f"{path.name} has no columns of numbers; it has {quote(skipped) or 'none'}")
     if not table.num_rows:
@@ -214,8 +214,8 @@ def _seconds(array: Any, zero: int | None) -> Array:
 def _unit(field: Any) -> str:
     """The unit in a field's own metadata."""
     known = field.metadata or {}
-    found = known.get(b"unit", known.get(b"units", b""))
-    return str(found.decode("utf-8", "replace"))
+    symbol = known.get(b"unit", known.get(b"units", b""))
+    return str(symbol.decode("utf-8", "replace"))
 
 
 def _units(schema: Any) -> dict[str, str]:
@@ -223,12 +223,12 @@ def _units(schema: Any) -> dict[str, str]:
     known = schema.metadata or {}
     text = known.get(b"units", known.get(b"unit", b""))
     try:
-        found = json.loads(text)
+        units = json.loads(text)
     except (ValueError, RecursionError):
         return {}  # a text for people, or for another program: no statement about columns that could be read
-    if not isinstance(found, dict):
+    if not isinstance(units, dict):
         return {}
-    return {name: unit for name, unit in found.items() if isinstance(unit, str)}
+    return {name: unit for name, unit in units.items() if isinstance(unit, str)}
 
 
 def _about_values(name: str, array: Any, values: Array) -> list[Finding]:
@@ -285,9 +285,9 @@ def _own(text: str, table: Any, name: str) -> Recording:
     """The recording in a table of ours; raises `FormatError` where it isn't the one that its schema describes."""
 
     def column(label: str) -> Array:
-        found = table.column(label).combine_chunks().drop_null()
-        if str(found.type) != "double":
+        values = table.column(label).combine_chunks().drop_null()
+        if str(values.type) != "double":
             raise ValueError(f"column {label!r} isn't floats")
-        return np.array(found.to_numpy(zero_copy_only=False), dtype=np.float64)
+        return np.array(values.to_numpy(zero_copy_only=False), dtype=np.float64)
 
     return metadata.recording_of_table(metadata.from_text(text, name), column, name)

@@ -40,11 +40,11 @@ _EXAMPLES = {
 }
 
 
-def spec_of(given: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
+def spec_of(column: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
     """The column that is meant; a channel's whole name is that channel, whatever a colon in it looks like."""
-    if given is None or isinstance(given, ColumnSpec):
-        return given
-    return ColumnSpec(column=given) if given in recording else ColumnSpec.parse(given)
+    if column is None or isinstance(column, ColumnSpec):
+        return column
+    return ColumnSpec(column=column) if column in recording else ColumnSpec.parse(column)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -100,7 +100,7 @@ def heading(text: str) -> Heading:
     joined = _JOINED.fullmatch(text)
     if joined and is_unit(joined["unit"]) and not is_unit(text):
         return Heading(name=joined["name"], unit=joined["unit"])
-    return Heading(name=text, unit=(found := _unit_in_name(text)), from_name=found is not None)
+    return Heading(name=text, unit=(symbol := _unit_in_name(text)), from_name=symbol is not None)
 
 
 def with_unit(name: Heading, text: str) -> tuple[Heading, tuple[Finding, ...]]:
@@ -138,9 +138,9 @@ def _unit_in_name(name: str) -> str | None:
         return {"v": "V", "mv": "mV"}[voltage[1].lower()]
     ending = _ENDING.fullmatch(name)
     if ending:
-        found = ending[1]
+        symbol = ending[1]
         # `u_V` is a voltage; `u_v` may be anything.
-        return _ENDINGS.get(found) if len(found) <= 2 else _ENDINGS.get(found.lower())
+        return _ENDINGS.get(symbol) if len(symbol) <= 2 else _ENDINGS.get(symbol.lower())
     # `t_s` is a time in seconds; `x_s` may be anything.
     return "s" if name.endswith("_s") and _is_time_word(name[:-2]) else None
 
@@ -160,16 +160,16 @@ def bare_name(name: str) -> str:
 def distinct(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Finding, ...]]:
     """Return names that differ: an empty one is called after its column, a second `y` becomes `y_2`; with findings."""
     taken = set(names)
-    seen: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     result: list[str] = []
     renamed: list[str] = []
     empty: list[str] = []
     for number, name in enumerate(names, 1):
-        seen[name] += 1
-        if name and seen[name] == 1:
+        counts[name] += 1
+        if name and counts[name] == 1:
             result.append(name)
             continue
-        new = f"column_{number}" if not name else f"{name}_{seen[name]}"
+        new = f"column_{number}" if not name else f"{name}_{counts[name]}"
         while new in taken:
             new += "_"
         taken.add(new)

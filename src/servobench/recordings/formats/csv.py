@@ -172,7 +172,7 @@ def _row(cells: Iterator[str]) -> str:
 def _harmless_json(text: str) -> str:
     """The same JSON, in whose strings no spreadsheet finds a cell with a formula, wherever it parts the line."""
     return _STRING.sub(
-        lambda found: _FORMULA.sub(lambda part: f"{part[1]}\\u{ord(part[2]):04x}", found[0]), text
+        lambda match: _FORMULA.sub(lambda part: f"{part[1]}\\u{ord(part[2]):04x}", match[0]), text
     )
 
 

@@ -170,13 +170,13 @@ def _records(data: bytes, at: int) -> tuple[_Records, str]:
 
 def _whole(raw: Bytes, places: NDArray[np.uint32], widths: NDArray[Any], most: int) -> NDArray[np.uint64]:
     """The whole numbers, of one to `most` bytes each, that begin at some places."""
-    found = np.zeros(len(places), np.uint64)
+    numbers = np.zeros(len(places), np.uint64)
     for k in range(most):
         has = np.flatnonzero(widths > k)
         if not len(has):
             break
-        found[has] |= raw[places[has] + np.uint32(k)].astype(np.uint64) << np.uint64(8 * k)
-    return found
+        numbers[has] |= raw[places[has] + np.uint32(k)].astype(np.uint64) << np.uint64(8 * k)
+    return numbers
 
 
 @dataclass(kw_only=True)

@@ -88,7 +88,7 @@ def _topics(connection: sqlite3.Connection) -> dict[int, Topic]:
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         )
         stored = {str(kind): (str(encoding), str(text)) for kind, encoding, text in rows}
-    found = {}
+    topics = {}
     for number, name, kind, encoding in connection.execute(
         "SELECT id, name, type, serialization_format FROM topics"
     ):
@@ -102,5 +102,5 @@ def _topics(connection: sqlite3.Connection) -> dict[int, Topic]:
             )
         else:
             decoder, why = cdr_decoder(str(kind), how, text.encode())
-        found[int(number)] = Topic(name=str(name), schema=str(kind), decoder=decoder, why_not=why)
-    return found
+        topics[int(number)] = Topic(name=str(name), schema=str(kind), decoder=decoder, why_not=why)
+    return topics

@@ -109,9 +109,9 @@ def channels_to_show(recording: Recording, most: int = 4) -> tuple[str, ...]:
     known = _complete_mapping(recording)
     times = None if known.time is None else ColumnSpec.parse(known.time).column
     named: list[str] = []
-    for given, quantities in ((known.input, {"voltage", "duty"}), (known.output, {"position", "speed"})):
-        if given is not None:
-            named.append(given if given in recording else ColumnSpec.parse(given).column)
+    for column, quantities in ((known.input, {"voltage", "duty"}), (known.output, {"position", "speed"})):
+        if column is not None:
+            named.append(column if column in recording else ColumnSpec.parse(column).column)
             continue
         may_be = [
             each.channel.name for each in recording.series if quantity_of(each.channel.unit) in quantities

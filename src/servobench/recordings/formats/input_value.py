@@ -54,13 +54,13 @@ def with_input_of_name(recording: Recording, pattern: str) -> Recording:
         )
     name = PurePath(recording.source.name).name
     before, after = map(re.escape, spec.column.split(LEVEL))
-    found = {_number(each) for each in re.findall(rf"(?<![0-9]){before}({_NUMBER}){after}(?![0-9])", name)}
-    if len(found) != 1:
-        has = f"several: {', '.join(f'{each:g}' for each in sorted(found))}" if found else "none"
+    levels = {_number(each) for each in re.findall(rf"(?<![0-9]){before}({_NUMBER}){after}(?![0-9])", name)}
+    if len(levels) != 1:
+        has = f"several: {', '.join(f'{each:g}' for each in sorted(levels))}" if levels else "none"
         raise UsageError(
             f"`input={pattern}`: the name {name!r} has {has}; give more of the letters around the value, or `input_value=...`"
         )
-    return _with_constant(recording, found.pop(), str(spec.unit), f"as its file's name {name!r} says")
+    return _with_constant(recording, levels.pop(), str(spec.unit), f"as its file's name {name!r} says")
 
 
 def _with_constant(recording: Recording, value: float, unit: str, why: str) -> Recording:

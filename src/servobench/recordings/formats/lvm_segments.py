@@ -116,14 +116,14 @@ class File:
 
 def _without_special_blocks(lines: Sequence[str]) -> list[str]:
     """The lines with those of special blocks blanked, so that rows keep their numbers."""
-    kept = []
+    ordinary_lines = []
     inside = False
     for line in lines:
         inside = inside or line.strip().startswith(_SPECIAL)
-        kept.append("" if inside else line)
+        ordinary_lines.append("" if inside else line)
         if line.strip().startswith(_END_OF_SPECIAL):
             inside = False
-    return kept
+    return ordinary_lines
 
 
 def _segment(
@@ -152,12 +152,14 @@ def _segment(
         starts.append(start)
         findings.extend(column_findings)
     span = (int(rows[0]), int(rows[-1])) if len(rows) else (0, 0)
-    kept = [k for k, column in enumerate(columns) if len(column.values)]
-    known = [start for k in kept if (start := starts[k]) is not None]
-    zero = min(known) if kept and len(known) == len(kept) else None
+    nonempty = [k for k, column in enumerate(columns) if len(column.values)]
+    known = [start for k in nonempty if (start := starts[k]) is not None]
+    zero = min(known) if nonempty and len(known) == len(nonempty) else None
     if zero is not None:
         columns = [later(each, (start or zero) - zero) for each, start in zip(columns, starts, strict=True)]
-    return Segment(columns=tuple(columns[k] for k in kept), start=zero, rows=span, findings=tuple(findings))
+    return Segment(
+        columns=tuple(columns[k] for k in nonempty), start=zero, rows=span, findings=tuple(findings)
+    )
 
 
 def later(column: Column, nanoseconds: int) -> Column:
@@ -183,23 +185,23 @@ def _numbers(
     """X and Y of each channel side by side (N, 2M), NaN where there is none, and what is wrong with the rows."""
     wanted = sorted({k for pair in places for k in pair if k is not None})
     short = []
-    kept = []
+    uniform_lines = []
     for k, line in enumerate(lines):
         cells = line.split(file.separator)
         if len(cells) <= wanted[0]:
             short.append(k)
         cells.extend([""] * (wanted[-1] + 1 - len(cells)))
-        kept.append(";".join([cells[c].strip() or "nan" for c in wanted]))
+        uniform_lines.append(";".join([cells[c].strip() or "nan" for c in wanted]))
     layout = text_table.Layout(separator=";", decimal=file.decimal, columns=len(wanted))
-    values, faults = text_table.numbers(kept, layout)
+    values, faults = text_table.numbers(uniform_lines, layout)
     findings = []
     if short:
         sentence = f"Rows without a number: {in_words(rows[short])}."
         findings.append(
             warning("row-without-numbers", sentence, rows=(int(rows[short[0]]), int(rows[short[-1]])))
         )
-    wrong = sorted({k for by in faults.cells.values() for found in by.values() for k in found} | {
-        k for found in faults.rows.values() for k in found
+    wrong = sorted({k for by in faults.cells.values() for indices in by.values() for k in indices} | {
+        k for indices in faults.rows.values() for k in indices
     })  # fmt: skip
     if wrong:
         sentence = f"Text where a number should be, such as {faults.example[:40]!r}, read as NaN: {in_words(rows[wrong])}."

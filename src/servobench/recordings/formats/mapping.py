@@ -140,9 +140,9 @@ def _choose_and_time(
     """
     missing: list[str] = []
     parts: dict[Role, Choice] = {}
-    for role, given in columns.items():
+    for role, column in columns.items():
         taken = [each.series.channel.name for each in parts.values()]
-        part = choose(recording, role, spec_of(given, recording), taken, in_counts and role == "output")
+        part = choose(recording, role, spec_of(column, recording), taken, in_counts and role == "output")
         if isinstance(part, str):
             missing.append(part)
         else:
@@ -344,5 +344,5 @@ def toml_value(value: object) -> str:
 def _merge(before: Sequence[Series], new: Iterable[Series]) -> tuple[Series, ...]:
     """The series of a recording with new ones in place of those of the same name, or behind them."""
     by_name = {series.channel.name: series for series in new}
-    kept = tuple(by_name.pop(series.channel.name, series) for series in before)
-    return (*kept, *by_name.values())
+    in_place = tuple(by_name.pop(series.channel.name, series) for series in before)
+    return (*in_place, *by_name.values())

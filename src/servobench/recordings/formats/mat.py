@@ -72,13 +72,13 @@ class Mat:
 
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return the recordings in a file of ours, or the one that a foreign file is; raises `FormatError`."""
-        found = matfile.variables(path)
+        variables = matfile.variables(path)
         ours = next(
-            (each.value for each in found if each.name == _OURS and isinstance(each.value, str)), None
+            (each.value for each in variables if each.name == _OURS and isinstance(each.value, str)), None
         )
         if ours is not None and ours.startswith("{") and metadata.SCHEMA in ours:
-            return _own(ours, found, path.name)
-        return (_foreign(found, path),)
+            return _own(ours, variables, path.name)
+        return (_foreign(variables, path),)
 
     def write(self, recordings: tuple[Recording, ...], path: Path) -> None:
         """Write recordings as variables in columns, several as one struct each, and all they know as a JSON text."""
@@ -115,8 +115,8 @@ def _identifier(name: str, taken: set[str]) -> str:
     return new
 
 
-def _own(text: str, found: Iterable[Variable], name: str) -> tuple[Recording, ...]:
-    vectors = {each.name: each.value for each in found if isinstance(each.value, np.ndarray)}
+def _own(text: str, variables: Iterable[Variable], name: str) -> tuple[Recording, ...]:
+    vectors = {each.name: each.value for each in variables if isinstance(each.value, np.ndarray)}
 
     def recording(one: Any) -> Recording:
         struct = f"{one['struct']}." if one.get("struct") else ""
@@ -135,11 +135,11 @@ def _vector(matrix: Matrix) -> Array:
     return np.array(matrix, dtype=np.float64).ravel()
 
 
-def _foreign(found: Sequence[Variable], path: Path) -> Recording:
+def _foreign(variables: Sequence[Variable], path: Path) -> Recording:
     columns: list[Column] = []
     findings: list[Finding] = []
     skipped: list[tuple[str, SkippedVariable]] = []
-    for variable in found:
+    for variable in variables:
         value = variable.value
         channels: list[Column] | SkippedVariable = (
             value if isinstance(value, SkippedVariable) else SkippedVariable(what="text")

@@ -100,13 +100,13 @@ def _load(path: Path, variables: Sequence[str]) -> tuple[dict[str, Any], list[st
 
 def _contents(content: Mapping[str, Any], path: Path) -> tuple[list[Series], list[Column], list[str]]:
     """The series and the columns in the variables, and the names of signals that can't be read."""
-    found = [each for name, value in content.items() for each in _walk(name, value, 0)]
-    series = [each for each in found if isinstance(each, Series)]
-    streamed = [each for each in found if isinstance(each, StreamedSignal)]
+    signals = [each for name, value in content.items() for each in _walk(name, value, 0)]
+    series = [each for each in signals if isinstance(each, Series)]
+    streamed = [each for each in signals if isinstance(each, StreamedSignal)]
     return (
         [*series, *samples(path, streamed)],
-        [each for each in found if isinstance(each, Column)],
-        [each.name for each in found if isinstance(each, UnreadSignal)],
+        [each for each in signals if isinstance(each, Column)],
+        [each.name for each in signals if isinstance(each, UnreadSignal)],
     )
 
 
@@ -261,8 +261,8 @@ def _numbers(properties: Mapping[str, Any], name: str) -> Array | None:
 
 
 def _number(properties: Mapping[str, Any], name: str) -> float | None:
-    found = _numbers(properties, name)
-    return float(found.ravel()[0]) if found is not None and found.size == 1 else None
+    values = _numbers(properties, name)
+    return float(values.ravel()[0]) if values is not None and values.size == 1 else None
 
 
 def _text(value: Any) -> str:

@@ -41,8 +41,8 @@ class Parquet:
         pq = arrow_table.pyarrow("pyarrow.parquet", path.name)
         with format_errors(path.name, "Parquet"):
             file = pq.ParquetFile(pa.BufferReader(path.read_bytes()), pre_buffer=False)
-            found = arrow_table.leaves(file.schema_arrow, path.name)
-            wanted = [leaf for leaf in found if not leaf.skipped]
+            leaves = arrow_table.leaves(file.schema_arrow, path.name)
+            wanted = [leaf for leaf in leaves if not leaf.skipped]
             arrow_table.check_size(file.metadata.num_rows, len(wanted))
             batches = list(
                 file.iter_batches(batch_size=_ROWS, columns=[leaf.name for leaf in wanted], use_threads=False)

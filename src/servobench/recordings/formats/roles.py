@@ -135,7 +135,7 @@ def recognise(recording: Recording, role: Role, without: Sequence[str] = ()) -> 
     fitting = [each for each in series if _fits(role, plain_name(each.channel.name), each.channel.unit)]
     if role == "output":
         fitting = fitting or [each for each in series if _fits_by_its_unit(each)]
-    found = []
+    matches = []
     for each in fitting:
         name, symbol = each.channel.name, each.channel.unit
         text = f"`{name}` is recognised as the {role} by its name"
@@ -143,8 +143,8 @@ def recognise(recording: Recording, role: Role, without: Sequence[str] = ()) -> 
             symbol = "V"
             text += ", and read in V by convention"
         sentence = f"{text}; if that is wrong say `{role}=COL:UNIT`."
-        found.append(RoleMatch(name=name, unit=symbol, finding=info(_RECOGNISED[role], sentence)))
-    return tuple(found)
+        matches.append(RoleMatch(name=name, unit=symbol, finding=info(_RECOGNISED[role], sentence)))
+    return tuple(matches)
 
 
 def _fits_by_its_unit(series: Series) -> bool:

@@ -57,8 +57,8 @@ class Test:
 
 def begins_at_rest(speed: Array) -> bool:
     """Return whether a test with a speed (N,), in any unit, begins with a shaft that rests, as its routine asks for."""
-    seen = np.abs(speed[np.isfinite(speed)])
-    return bool(len(seen) and seen[0] <= _SLOW * seen.max())
+    magnitudes = np.abs(speed[np.isfinite(speed)])
+    return bool(len(magnitudes) and magnitudes[0] <= _SLOW * magnitudes.max())
 
 
 def tests(states: Sequence[States]) -> tuple[Test, ...]:
@@ -68,12 +68,12 @@ def tests(states: Sequence[States]) -> tuple[Test, ...]:
     """
     runs = [run for each in states for run in _runs(each, len(states) > 1)]
     runs.sort(key=lambda run: run.start)
-    seen: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     named = []
     for run in runs:
-        seen[run.name] += 1
+        counts[run.name] += 1
         free = max((other.end for other in runs if other.end <= run.start), default=-np.inf)
-        name = run.name if seen[run.name] == 1 else f"{run.name} {seen[run.name]}"
+        name = run.name if counts[run.name] == 1 else f"{run.name} {counts[run.name]}"
         named.append(replace(run, name=name, free=free))
     return tuple(named)
 
@@ -92,14 +92,14 @@ def _runs(states: States, with_mechanism: bool) -> list[Test]:
     ]
 
 
-def split(recording: Recording, found: Sequence[Test], texts: Sequence[str]) -> tuple[Recording, ...]:
+def split(recording: Recording, sections: Sequence[Test], texts: Sequence[str]) -> tuple[Recording, ...]:
     """Return a recording for each test, with the channels that have samples in it; `texts` are the names of what named them."""
     sentence = (
-        f"The log is split by {quote(texts)} into its tests: {quote(test.name for test in found)}. The rest isn't "
+        f"The log is split by {quote(texts)} into its tests: {quote(test.name for test in sections)}. The rest isn't "
         "read."
     )
     finding = info("log-split", sentence)
-    parts = (_part(recording, test, finding) for test in found)
+    parts = (_part(recording, test, finding) for test in sections)
     return tuple(part for part in parts if part.series)
 
 

@@ -113,19 +113,19 @@ def _require_recordings(
     recordings: Sequence[Recording | str], cut: bool, path: Path
 ) -> tuple[Recording, ...]:
     """The recordings, with a finding if the last segment is truncated; raises `FormatError` if there are none."""
-    found = [each for each in recordings if isinstance(each, Recording)]
-    if not found:
+    readable = [each for each in recordings if isinstance(each, Recording)]
+    if not readable:
         why = (
             "; ".join(each for each in recordings if isinstance(each, str))
             or "it has no groups with channels"
         )
         raise FormatError(f"{path.name} has no channels of numbers: {why}")
-    if len(found) == 1:
-        found = [replace(found[0], name=path.stem)]
+    if len(readable) == 1:
+        readable = [replace(readable[0], name=path.stem)]
     if cut:
         sentence = "The file ends inside its last segment; it is read up to there."
-        found = [each.with_findings(info("recording-cut-short", sentence)) for each in found]
-    return tuple(found)
+        readable = [each.with_findings(info("recording-cut-short", sentence)) for each in readable]
+    return tuple(readable)
 
 
 def _foreign(group: str, channels: Sequence[Any], path: Path) -> Recording | str:
@@ -140,15 +140,15 @@ def _foreign(group: str, channels: Sequence[Any], path: Path) -> Recording | str
     skipped: list[str] = []
     findings: list[Finding] = []
     for channel in channels:
-        found = _column(channel, zero, path.name)
-        if isinstance(found, Column) and isinstance(unit := channel.properties.get("unit_string"), str):
-            head, unit_findings = with_unit(found.heading, unit)
-            found = found if found.is_time else replace(found, heading=head)
+        column = _column(channel, zero, path.name)
+        if isinstance(column, Column) and isinstance(unit := channel.properties.get("unit_string"), str):
+            head, unit_findings = with_unit(column.heading, unit)
+            column = column if column.is_time else replace(column, heading=head)
             findings.extend(unit_findings)
-        if isinstance(found, str):
-            skipped.append(f"{channel.name} ({found})")
+        if isinstance(column, str):
+            skipped.append(f"{channel.name} ({column})")
         else:
-            columns.append(found)
+            columns.append(column)
     if not columns:
         return f"group {quote([group])} has {quote(skipped)}"
     if skipped:

@@ -34,16 +34,16 @@ def blocks(table: Table) -> list[slice]:
 def _usable(begins: NDArray[np.int64], rows: int) -> list[int]:
     """The rows that blocks begin in, none where a block would have a single row."""
     edges = np.concatenate(([0], begins, [rows]))
-    found: list[int] = begins.tolist() if np.diff(edges).min() >= 2 else []
-    return found
+    first_rows: list[int] = begins.tolist() if np.diff(edges).min() >= 2 else []
+    return first_rows
 
 
-def about_blocks(table: Table, found: Sequence[slice]) -> tuple[Finding, ...]:
+def about_blocks(table: Table, rows: Sequence[slice]) -> tuple[Finding, ...]:
     """Return what is to be known of a table that is several recordings."""
-    if len(found) == 1:
+    if len(rows) == 1:
         return ()
-    begins = quote([str(table.rows[block.start]) for block in found])
+    begins = quote([str(table.rows[block.start]) for block in rows])
     sentence = (
-        f"Blank lines separate {len(found)} blocks of rows, each a recording; they begin in rows {begins}."
+        f"Blank lines separate {len(rows)} blocks of rows, each a recording; they begin in rows {begins}."
     )
     return (info("blocks-apart", sentence),)

@@ -626,7 +626,7 @@ def _about_faults(
         severity = info if code == "rows-text" else warning
         findings.append(_finding(severity, code, sentences[code], rows[left_out]))
     for code, by_column in faults.cells.items():
-        where = rows[np.unique(np.concatenate([np.array(found) for found in by_column.values()]))]
+        where = rows[np.unique(np.concatenate([np.array(indices) for indices in by_column.values()]))]
         findings.append(_finding(info, code, sentences[code], where, _columns(by_column, names)))
     if faults.remarks:
         findings.append(
@@ -636,8 +636,8 @@ def _about_faults(
         )
     spelled = nan.copy()
     for by_column in faults.cells.values():
-        for c, found in by_column.items():
-            spelled[found, c] = False
+        for c, indices in by_column.items():
+            spelled[indices, c] = False
     if spelled.any():
         where, columns = rows[spelled.any(axis=1)], np.flatnonzero(spelled.any(axis=0))
         findings.append(_finding(info, "cell-nan", "Cells that say NaN:", where, _columns(columns, names)))

@@ -33,10 +33,10 @@ def seconds_from_first(cells: Sequence[str]) -> Array:
     t = np.full(len(cells), np.nan)
     days, before, first = 0, 0, None
     for k, cell in enumerate(cells):
-        found = _parse(cell)
-        if found is None:
+        stamp = _parse(cell)
+        if stamp is None:
             continue
-        whole, part, dated = found
+        whole, part, dated = stamp
         if first is None:
             first = (whole, part)
         elif not dated and whole + days * _DAY < before - _DAY // 2:

@@ -138,14 +138,14 @@ def keep_increasing(t: Array) -> NDArray[np.bool_]:
     (Schensted 1961), so that a single wild time costs one sample and not all that come after it.
     """
     keep = np.isfinite(t)
-    kept = np.flatnonzero(keep)
-    keep[kept[1:][_steps(t[kept]) == 0]] = False
-    kept = np.flatnonzero(keep)
-    if (_steps(t[kept]) > 0).all():
+    indices = np.flatnonzero(keep)
+    keep[indices[1:][_steps(t[indices]) == 0]] = False
+    indices = np.flatnonzero(keep)
+    if (_steps(t[indices]) > 0).all():
         return keep
-    chosen = _longest_increasing(t[kept].tolist())
+    chosen = _longest_increasing(t[indices].tolist())
     keep[:] = False
-    keep[kept[chosen]] = True
+    keep[indices[chosen]] = True
     return keep
 
 

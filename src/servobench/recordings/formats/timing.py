@@ -26,16 +26,16 @@ from servobench.recordings.formats.times import time_findings
 from servobench.recordings.recording import Recording, Series
 
 
-def seconds(given: object) -> float:
+def seconds(value: object) -> float:
     """Return a sample time in s; raises `UsageError` where it can't be one."""
-    if isinstance(given, bool) or not isinstance(given, int | float | str):
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise UsageError(
-            f'the sample time is {given!r}; expected seconds such as 0.02, or a text such as "20 ms"'
+            f'the sample time is {value!r}; expected seconds such as 0.02, or a text such as "20 ms"'
         )
-    seconds = quantity(given, "s")
+    seconds = quantity(value, "s")
     if not SHORTEST_STEP <= seconds <= LONGEST_STEP:
         raise UsageError(
-            f"the sample time is {given!r}; expected a positive number of seconds such as 0.02, "
+            f"the sample time is {value!r}; expected a positive number of seconds such as 0.02, "
             f"{SHORTEST_STEP:g} to {LONGEST_STEP:g}"
         )
     return seconds
@@ -166,8 +166,8 @@ def _sample_time_in_file(recording: Recording) -> tuple[float, str] | None:
         symbol = each.channel.unit or ("Hz" if is_rate else "s")
         if not is_unit(symbol) or unit(symbol).si != ("rad/s" if is_rate else "s") or not values[0] > 0:
             continue
-        given = float(values[0]) * unit(symbol).factor
-        step = 2 * np.pi / given if is_rate else given
+        value = float(values[0]) * unit(symbol).factor
+        step = 2 * np.pi / value if is_rate else value
         if SHORTEST_STEP <= step <= LONGEST_STEP:
             sentence = (
                 f"The times are {step:.6g} s apart, as `{each.channel.name}` says ({values[0]:g} {symbol})."

@@ -37,18 +37,18 @@ class Texts:
 def about_columns(texts: Mapping[int, Texts], names: Sequence[str], rows: int) -> list[Finding]:
     """Return a warning for each column of a table of so many rows that has many texts, a refusal for more than half."""
     findings = []
-    for c, found in sorted(texts.items()):
-        if found.count <= _MANY * rows:
+    for c, column_texts in sorted(texts.items()):
+        if column_texts.count <= _MANY * rows:
             continue
         sentence = (
-            f"{_begin(names[c])} has {found.count} cells of {rows} that aren't numbers, such as "
-            f"{found.example[:40]!r}"
+            f"{_begin(names[c])} has {column_texts.count} cells of {rows} that aren't numbers, such as "
+            f"{column_texts.example[:40]!r}"
         )
-        if _GROUPED.fullmatch(found.example):
+        if _GROUPED.fullmatch(column_texts.example):
             sentence += ", which seems to have separators between thousands: write the numbers without them."
         else:
             sentence += ": they are left out. Correct them in the file, or export it again."
-        findings.append((refusal if found.count > _HALF * rows else warning)(_CODE, sentence))
+        findings.append((refusal if column_texts.count > _HALF * rows else warning)(_CODE, sentence))
     return findings
 
 

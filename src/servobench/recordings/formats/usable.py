@@ -32,7 +32,7 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
     """
     findings: list[Finding] = []
     checked: list[tuple[Array, NDArray[np.bool_]]] = []
-    kept: dict[Role, Series] = {}
+    usable_series: dict[Role, Series] = {}
     for role, each in series.items():
         t = measurable(np.asarray(each.t, dtype=np.float64))
         values = measurable(each.values)
@@ -55,8 +55,8 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
                 f"{name}: the {role} `{each.channel.name}` has {int(keep.sum())} samples with a time and a possible value; "
                 "at least two are needed"
             )
-        kept[role] = replace(each, values=values[keep], t=t[keep])
-    return kept, findings
+        usable_series[role] = replace(each, values=values[keep], t=t[keep])
+    return usable_series, findings
 
 
 def _check_step(name: str, t: Array) -> None:

@@ -60,11 +60,11 @@ def _foreign(log: Log, path: Path) -> tuple[Recording, ...]:
     skipped: list[str] = []
     states: list[States] = []
     for entry in entries:
-        found = list(_channels(log, entry))
-        channels.extend(found)
+        entry_channels = list(_channels(log, entry))
+        channels.extend(entry_channels)
         if (named := _states(log, entry)) is not None:
             states.append(named)
-        elif not found:
+        elif not entry_channels:
             skipped.append(f"{entry.name} ({entry.type if len(entry.stamps) else 'no value'})")
     if not channels:
         raise FormatError(
@@ -179,8 +179,8 @@ def _unit(entry: Entry) -> tuple[str | None, bool]:
         for symbol in (metadata.strip(), in_words):
             if is_unit(symbol):
                 return symbol, False
-    found = heading(entry.name.rpartition("/")[2])
-    return (found.unit, True) if found.from_name else (None, False)
+    head = heading(entry.name.rpartition("/")[2])
+    return (head.unit, True) if head.from_name else (None, False)
 
 
 def _states(log: Log, entry: Entry) -> States | None:

@@ -26,18 +26,18 @@ def armature_current(recording: Recording, t_output: Array) -> tuple[Array | Non
     Without such a channel it is None, and with several too: then a finding names them. Nothing is interpolated: a sample
     counts where it was taken at the time of one of the output.
     """
-    found = [series for series in recording.series if _is_current(recording, series)]
-    found = [series for series in found if series.channel.name == ARMATURE_CURRENT] or found
-    if not found:
+    candidates = [series for series in recording.series if _is_current(recording, series)]
+    candidates = [series for series in candidates if series.channel.name == ARMATURE_CURRENT] or candidates
+    if not candidates:
         return None, []
-    if len(found) > 1:
-        names = ", ".join(repr(series.channel.name) for series in found)
+    if len(candidates) > 1:
+        names = ", ".join(repr(series.channel.name) for series in candidates)
         sentence = (
             f"{recording.name}: {names} could each be the armature's current, so none of them is used; say which with "
             "`current=COL` to learn resistance and torque constant, too."
         )
         return None, [info("current-ambiguous", sentence)]
-    series = found[0]
+    series = candidates[0]
     current = _at(series, t_output)
     if np.isnan(current).all():
         sentence = (

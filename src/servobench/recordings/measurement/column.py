@@ -48,8 +48,8 @@ class Column:
 
 def si_factor(symbol: str) -> tuple[float, str]:
     """Return the factor from a unit to the SI unit of the same quantity, and that unit; where there is none, 1 and the unit."""
-    given = unit_named(symbol)
-    return (1.0, given.symbol) if given.quantity == "other" else (given.factor, given.si)
+    unit = unit_named(symbol)
+    return (1.0, unit.symbol) if unit.quantity == "other" else (unit.factor, unit.si)
 
 
 def input_and_output(recording: Recording) -> tuple[Series, Series]:

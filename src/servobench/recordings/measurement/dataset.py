@@ -265,7 +265,7 @@ def keep_with_data(function: Callable[[Dataset], T]) -> Callable[[Dataset], T]:
         memory = vars(data)
         if name not in memory:
             memory[name] = function(data)
-        found: T = memory[name]
-        return found
+        result: T = memory[name]
+        return result
 
     return find

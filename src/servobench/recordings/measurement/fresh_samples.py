@@ -24,5 +24,5 @@ def drop_repeats(column: Column, findings: Sequence[Finding]) -> tuple[Column, l
         f"{how.sentence(column.name, column.t)} Only the {len(rows)} of {len(column.x)} rows with a new value are "
         "used; the age of a new value becomes part of the delay."
     )
-    kept = replace(column, t=column.t[rows], x=column.x[rows], rows=column.rows[rows])
-    return kept, [*findings, info("output-stale", sentence, parameters=("delay",))]
+    fresh_column = replace(column, t=column.t[rows], x=column.x[rows], rows=column.rows[rows])
+    return fresh_column, [*findings, info("output-stale", sentence, parameters=("delay",))]

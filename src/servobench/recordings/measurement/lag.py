@@ -20,13 +20,13 @@ def lag_of(chain: Chain, tau: float) -> float:
 
     Without a fitted delay a time constant comes out too long by about this.
     """
-    t, seen = _step_response(chain.linear, tau)
-    return _area_above(t, seen) - tau
+    t, response = _step_response(chain.linear, tau)
+    return _area_above(t, response) - tau
 
 
-def _area_above(t: Array, seen: Array) -> float:
+def _area_above(t: Array, response: Array) -> float:
     """The area between a step response and where it ends, by the trapezoid rule: the first moment of the impulse response."""
-    return float(np.trapezoid(1.0 - seen, t))
+    return float(np.trapezoid(1.0 - response, t))
 
 
 def _step_response(chain: Chain, tau: float) -> tuple[Array, Array]:
@@ -37,6 +37,6 @@ def _step_response(chain: Chain, tau: float) -> tuple[Array, Array]:
         moved = np.maximum(t, 0.0)
         # The mean slope over a window is that of the position, which is the integral of the speed.
         what = moved + tau * np.expm1(-moved / tau) if chain.takes == "position" else -np.expm1(-moved / tau)
-        seen = chain(what, t)
-        span = _SPAN * max(tau, _area_above(t[_POINTS:], seen[_POINTS:]))
-    return t[_POINTS:], seen[_POINTS:]
+        response = chain(what, t)
+        span = _SPAN * max(tau, _area_above(t[_POINTS:], response[_POINTS:]))
+    return t[_POINTS:], response[_POINTS:]

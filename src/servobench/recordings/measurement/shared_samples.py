@@ -32,7 +32,7 @@ def _agree(one: Dataset, other: Dataset, times: Array, share: float) -> bool:
     if len(common) <= share * len(times):
         return False
     y, there = (data.y[np.searchsorted(data.t_output, common)] for data in (one, other))
-    u, given = (data.u[data.hold_indices(common)] for data in (one, other))
+    u, other_u = (data.u[data.hold_indices(common)] for data in (one, other))
     apart = y - there
     rounding = _ROUNDING * max(float(np.abs(y).max()), float(np.abs(there).max()))
-    return bool(np.ptp(y) > rounding and np.ptp(apart) <= rounding and np.array_equal(u, given))
+    return bool(np.ptp(y) > rounding and np.ptp(apart) <= rounding and np.array_equal(u, other_u))

@@ -96,18 +96,18 @@ def _without_lowpass(data: Dataset, stage: Lowpass) -> Iterator[tuple[Array, int
 
 def _once(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
     """The sum of differences between neighbouring samples."""
-    found = whole_counts(increments, data.position_unit)
-    if found is not None:
-        counts, quantum = found
+    counts_and_quantum = whole_counts(increments, data.position_unit)
+    if counts_and_quantum is not None:
+        counts, quantum = counts_and_quantum
         summed = np.concatenate([np.zeros(1), np.cumsum(counts)])
         yield Summation(data=_position(data, summed, quantum), how=f"from sample to sample{how}")
 
 
 def _central(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
     """The sum of differences between the next sample and the one before."""
-    found = whole_counts(increments[1:-1], data.position_unit)
-    if found is not None:
-        counts, quantum = found
+    counts_and_quantum = whole_counts(increments[1:-1], data.position_unit)
+    if counts_and_quantum is not None:
+        counts, quantum = counts_and_quantum
         yield Summation(
             data=_position(data, _interleave(counts), quantum),
             how="from the sample before to the next one (if it was taken over the last two instead, the delay is "
@@ -117,9 +117,9 @@ def _central(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
 
 def _backward(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
     """The sum of differences over the last two samples."""
-    found = whole_counts(increments[2:], data.position_unit)
-    if found is not None:
-        counts, quantum = found
+    counts_and_quantum = whole_counts(increments[2:], data.position_unit)
+    if counts_and_quantum is not None:
+        counts, quantum = counts_and_quantum
         yield Summation(data=_position(data, _interleave(counts), quantum), how=f"from sample to sample{how}")
 
 

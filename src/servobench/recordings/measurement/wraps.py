@@ -27,16 +27,19 @@ def without_wraps(column: Column, stage: Unwrap) -> tuple[Column, list[Finding]]
         raise UsageError(
             f"`{stage}` can't unwrap {column.name!r}, which is in {column.unit} there: give the modulus in {column.unit}"
         )
-    found = unwrap(column.x, stage.si_modulus)
-    doubts = [*_ambiguous_steps(column, stage, found), *_wraps_in_a_longer_range(column, stage, found)]
-    return replace(column, x=found.count), doubts
+    unwrapping = unwrap(column.x, stage.si_modulus)
+    doubts = [
+        *_ambiguous_steps(column, stage, unwrapping),
+        *_wraps_in_a_longer_range(column, stage, unwrapping),
+    ]
+    return replace(column, x=unwrapping.count), doubts
 
 
-def _ambiguous_steps(column: Column, stage: Unwrap, found: Unwrapped) -> list[Finding]:
+def _ambiguous_steps(column: Column, stage: Unwrap, unwrapping: Unwrapped) -> list[Finding]:
     # From one step to the next the speed can't change by half the modulus and come out right: a wrap was misjudged.
-    erratic = np.abs(np.diff(found.delta, prepend=found.delta[:1])) >= 0.5 * stage.si_modulus
+    erratic = np.abs(np.diff(unwrapping.delta, prepend=unwrapping.delta[:1])) >= 0.5 * stage.si_modulus
     erratic[:2] = False  # the first step is no step, and from it to the second nothing changes
-    doubtful = column.rows[np.flatnonzero(found.ambiguous | erratic)]
+    doubtful = column.rows[np.flatnonzero(unwrapping.ambiguous | erratic)]
     if not len(doubtful):
         return []
     sentence = (
@@ -46,8 +49,8 @@ def _ambiguous_steps(column: Column, stage: Unwrap, found: Unwrapped) -> list[Fi
     return [warning("unwrap-ambiguous", sentence, rows=(int(doubtful[0]), int(doubtful[-1])))]
 
 
-def _wraps_in_a_longer_range(column: Column, stage: Unwrap, found: Unwrapped) -> list[Finding]:
-    span, jumps = float(np.ptp(column.x)), column.rows[np.flatnonzero(found.wrap)]
+def _wraps_in_a_longer_range(column: Column, stage: Unwrap, unwrapping: Unwrapped) -> list[Finding]:
+    span, jumps = float(np.ptp(column.x)), column.rows[np.flatnonzero(unwrapping.wrap)]
     if not len(jumps) or span <= stage.si_modulus * (1.0 + 1e-6):
         return []
     sentence = (
@@ -67,9 +70,9 @@ def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]
     for stage in _usual_moduli(column.unit, counts_per_rev):
         modulus = stage.si_modulus
         if span <= modulus * (1.0 + 1e-6) and largest > 0.5 * modulus:
-            found = unwrap(column.x, modulus)
-            jumps = np.flatnonzero(found.wrap)
-            return [_wraps(column, stage, column.rows[jumps])] if _goes_on(found.delta, jumps) else []
+            unwrapping = unwrap(column.x, modulus)
+            jumps = np.flatnonzero(unwrapping.wrap)
+            return [_wraps(column, stage, column.rows[jumps])] if _goes_on(unwrapping.delta, jumps) else []
     return []
 
 

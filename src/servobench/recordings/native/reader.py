@@ -52,16 +52,16 @@ def read_open(path: Path, file: BinaryIO) -> tuple[Recording, ...]:
     """Return the same of a file that is open at its beginning; messages call it `path`. Raises `FormatError` and `OSError`."""
     size = os.fstat(file.fileno()).st_size
     _check_kind(path, file, size)
-    found = _collect(file, size)
-    if not found.recordings:
+    scan = _collect(file, size)
+    if not scan.recordings:
         raise FormatError(
             f"{path} is an unfinished or damaged recording, and nothing in it can be read: "
-            f"{found.damage or 'it holds no recording'}"
+            f"{scan.damage or 'it holds no recording'}"
         )
-    recordings = [each.recording() for each in found.recordings]
-    if found.damage:
-        recordings[-1] = _cut_short(recordings[-1], found.damage, size - found.right)
-    elif found.recordings[-1].ending is None:
+    recordings = [each.recording() for each in scan.recordings]
+    if scan.damage:
+        recordings[-1] = _cut_short(recordings[-1], scan.damage, size - scan.right)
+    elif scan.recordings[-1].ending is None:
         recordings[-1] = _cut_short(recordings[-1], "the recording was never ended", 0)
     return tuple(recordings)
 
@@ -89,12 +89,12 @@ class _PartialRecording:
         number = mcap.channel_of(data)
         if number not in self.groups or self.ending is not None:
             raise Damaged("a chunk belongs to no recording")
-        columns, kept = self.groups[number].columns, self.rows[number]
-        rows = mcap.read_messages(data, number, len(kept), columns)
-        if not kept:
+        columns, store = self.groups[number].columns, self.rows[number]
+        rows = mcap.read_messages(data, number, len(store), columns)
+        if not store:
             bytes_a_row = length / len(rows) + mcap.INDEX_ENTRY
-            self.rows[number] = kept = RowStore(columns, round(_SPARE * size / bytes_a_row))
-        kept.append(rows)
+            self.rows[number] = store = RowStore(columns, round(_SPARE * size / bytes_a_row))
+        store.append(rows)
 
     def happen(self, happening: RecordedEvent) -> None:
         """Take an event, if it is the next one."""
@@ -153,22 +153,22 @@ class _Scan:
 
 def _collect(file: BinaryIO, size: int) -> _Scan:
     """Take what is right, up to the end of the data or the first thing that isn't."""
-    found, decompressor = _Scan(), mcap.decompressor()
+    scan, decompressor = _Scan(), mcap.decompressor()
     try:
         for op, body, end in _records(file, size):
             if op == Op.METADATA:
-                _take(found.recordings, *mcap.read_metadata(body))
+                _take(scan.recordings, *mcap.read_metadata(body))
             elif op == Op.CHUNK:
-                if not found.recordings:
+                if not scan.recordings:
                     raise Damaged("a chunk comes before any recording")
-                found.recordings[-1].add(mcap.read_chunk(body, decompressor), len(body), size)
-            found.right = end
+                scan.recordings[-1].add(mcap.read_chunk(body, decompressor), len(body), size)
+            scan.right = end
             if op == Op.DATA_END:
-                return found
-        found.damage = "it has no end"
+                return scan
+        scan.damage = "it has no end"
     except Damaged as error:
-        found.damage = str(error)
-    return found
+        scan.damage = str(error)
+    return scan
 
 
 def _take(recordings: list[_PartialRecording], name: str, entries: dict[str, bytes]) -> None:

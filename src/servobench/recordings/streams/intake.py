@@ -114,8 +114,8 @@ class Intake:
                 "as of a clock that runs backwards or jumps"
             )
         severity = warning if self.damaged > _FEW_DAMAGED * self.rows else info
-        found = [severity("stream-damaged", f"Left out: {'; '.join(left_out)}.")] if left_out else []
-        return (*found, *(_about_order(self._order) if self._order else ()))
+        about_damage = [severity("stream-damaged", f"Left out: {'; '.join(left_out)}.")] if left_out else []
+        return (*about_damage, *(_about_order(self._order) if self._order else ()))
 
     def _possible(self, rows: Rows) -> Array:
         if self._names and rows.names != self._names and len(rows.values):
@@ -125,8 +125,8 @@ class Intake:
         self._names = self._names or rows.names
         good = (np.abs(rows.values) <= LARGEST_VALUE).all(axis=1)
         self._damaged += int((~good).sum())
-        kept: Array = rows.values[good]
-        return kept
+        values: Array = rows.values[good]
+        return values
 
     def _begin(self) -> list[Part]:
         """Read the first rows: which column is the time, and how far apart they are."""
@@ -177,8 +177,8 @@ class Intake:
         evenly: Array = step * (first + np.arange(len(values), dtype=np.float64))
         return evenly
 
-    def _parts(self, found: Sequence[tuple[float, Array, Link]]) -> list[Part]:
-        groups = list(_split([*self._waiting, *found], "restart"))
+    def _parts(self, rows: Sequence[tuple[float, Array, Link]]) -> list[Part]:
+        groups = list(_split([*self._waiting, *rows], "restart"))
         self._waiting = groups.pop() if groups and len(groups[-1]) < _FEWEST else []
         parts: list[Part] = []
         for group in groups:
@@ -226,11 +226,11 @@ def _slice(part: Part, begin: int, end: int, link: Link) -> Part:
 
 
 def _split(
-    found: Sequence[tuple[float, Array, Link]], *links: Link
+    rows: Sequence[tuple[float, Array, Link]], *links: Link
 ) -> Iterator[list[tuple[float, Array, Link]]]:
     """Rows in pieces that begin at one of these links."""
     run: list[tuple[float, Array, Link]] = []
-    for row in found:
+    for row in rows:
         if row[2] in links and run:
             yield run
             run = []

@@ -54,7 +54,7 @@ class LineTable:
         return Rows(names=self._names, values=np.array([row]), damaged=last.damaged, example=last.example)
 
     def _rows(self, lines: list[bytes]) -> Rows:
-        found: list[list[float]] = []
+        all_rows: list[list[float]] = []
         damaged: list[str] = []
         for line in lines:
             text = line[:_LONGEST].decode("utf-8", "replace").strip("\ufeff\0 \t\r\n")
@@ -69,16 +69,16 @@ class LineTable:
                 damaged += self._other(text)
             elif self._names:
                 if len(row) == len(self._names) and names in ((), self._names):
-                    found.append(row)
+                    all_rows.append(row)
                 else:
                     damaged.append(text)
             else:
                 rows, lost = self._begin(text, names, row)
-                found += rows
+                all_rows += rows
                 damaged += lost
-        if found:
+        if all_rows:
             self._unread = ""
-        values = np.array(found, dtype=np.float64).reshape(len(found), len(self._names))
+        values = np.array(all_rows, dtype=np.float64).reshape(len(all_rows), len(self._names))
         example = printable([*damaged, self._unread][0])[:60]
         return Rows(names=self._names, values=values, damaged=len(damaged), example=example)
 
@@ -129,7 +129,7 @@ def _fields(text: str) -> tuple[tuple[str, ...], list[str]]:
     labelled = [_LABELLED.fullmatch(part) for part in parts]
     if not all(labelled):
         return (), parts
-    pairs = [(found[1].strip(), found[2].strip()) for found in labelled if found]
+    pairs = [(match[1].strip(), match[2].strip()) for match in labelled if match]
     return tuple(name for name, _ in pairs), [value for _, value in pairs]
 
 

@@ -50,30 +50,30 @@ class RowOrder:
 
     def take(self, t: Array, rows: Array) -> list[tuple[float, Array, Link]]:
         """Return the rows (C,) of those (N, C) at times t (N,) [s] that have a place, each with its time [s] and its link."""
-        found: list[tuple[float, Array, Link]] = []
+        sequence: list[tuple[float, Array, Link]] = []
         for time, row in zip(t, rows, strict=True):
-            self._judge(float(time) + self._wrapped, row, found)
-        return found
+            self._judge(float(time) + self._wrapped, row, sequence)
+        return sequence
 
-    def _judge(self, time: float, row: Array, found: list[tuple[float, Array, Link]]) -> None:
+    def _judge(self, time: float, row: Array, sequence: list[tuple[float, Array, Link]]) -> None:
         if self._was_overtaken(time) and self._held is not None:
             ahead, self._held = self._held, None
-            self._judge(time, row, found)
-            self._judge(*ahead, found)
+            self._judge(time, row, sequence)
+            self._judge(*ahead, sequence)
             return
-        time = self._settle(time, found)
+        time = self._settle(time, sequence)
         if self._last is None:
-            self._accept(time, row, "next", found)
+            self._accept(time, row, "next", sequence)
             return
         step = time - self._last
         if 0 < step <= _LATE * self.step:
-            self._accept(time, row, "next", found)
+            self._accept(time, row, "next", sequence)
         elif step == 0:
             self.repeated += 1
         elif (wrap := self._wrap(step)) > 0:
             self.clock_wraps += 1
             self._wrapped += wrap
-            self._judge(time + wrap, row, found)
+            self._judge(time + wrap, row, sequence)
         elif -_OVERTAKEN < step < 0:
             self.late += 1
         else:
@@ -86,19 +86,19 @@ class RowOrder:
         held = self._held[0] - self._last
         return 0 < time - self._last <= _LATE * self.step and time - self._last < held <= _NEAR * self.step
 
-    def _settle(self, time: float, found: list[tuple[float, Array, Link]]) -> float:
+    def _settle(self, time: float, sequence: list[tuple[float, Array, Link]]) -> float:
         """Decide what the row that is held was, by the time of the next; returns that time."""
         if self._held is None or self._last is None:
             return time
         (held, row), self._held = self._held, None
         if self._goes_on(time, held) and self._last < held < time:
-            self._accept(held, row, "gap", found)
+            self._accept(held, row, "gap", sequence)
             return time
         if self._follows(time, self._last) or not self._goes_on(time, held):
             self.damaged += 1
             return time
         self.restarts += 1
-        self._accept(held, row, "restart", found)
+        self._accept(held, row, "restart", sequence)
         return time
 
     def _follows(self, time: float, before: float) -> bool:
@@ -117,7 +117,7 @@ class RowOrder:
                 return ticks * self.tick
         return 0.0
 
-    def _accept(self, time: float, row: Array, link: Link, found: list[tuple[float, Array, Link]]) -> None:
+    def _accept(self, time: float, row: Array, link: Link, sequence: list[tuple[float, Array, Link]]) -> None:
         lost = 0
         if self._last is not None and link != "restart":
             lost = max(round((time - self._last) / self.step) - 1, 0) if link == "gap" else 0
@@ -129,7 +129,7 @@ class RowOrder:
         elif self._rate_changed():
             link = "rate"
         self._last = time
-        found.append((time, row, link))
+        sequence.append((time, row, link))
 
     def _rate_changed(self) -> bool:
         """Whether the rate of the rows has changed; if so, the gaps that were counted because of it are taken back."""

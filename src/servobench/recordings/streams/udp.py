@@ -67,10 +67,10 @@ class Udp:
         """
         if self._socket is None:
             raise UsageError(f"{self.name} isn't open: use the stream in a `with`")
-        found: list[bytes] = []
+        datagrams: list[bytes] = []
         self._socket.settimeout(patience)
         with suppress(TimeoutError, BlockingIOError):
-            while len(found) < _MOST:
-                found.append(self._socket.recv(_LARGEST))
+            while len(datagrams) < _MOST:
+                datagrams.append(self._socket.recv(_LARGEST))
                 self._socket.settimeout(0.0)
-        return self._table.take(b"".join(each + b"\n" for each in found))
+        return self._table.take(b"".join(each + b"\n" for each in datagrams))

@@ -40,8 +40,8 @@ class DeviceClock:
         sample = read()
         if self._first is None:
             self._first = sample.index - index
-        found = sample.index - self._first
-        if found < index:
+        number = sample.index - self._first
+        if number < index:
             raise DeviceError(
                 f"the device sent sample {sample.index} where {index + self._first} or a later one was due: its "
                 "samples are out of order"
@@ -54,8 +54,8 @@ class DeviceClock:
             )
         self._before = sample.time
         return Tick(
-            index=found,
-            scheduled=found * self._sample_time,
+            index=number,
+            scheduled=number * self._sample_time,
             actual=sample.time,
             late=False,
             sample=sample,

@@ -11,8 +11,8 @@ from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, Severity
 from servobench.core.rounding import plain
 from servobench.recordings.recording import Recording, Stopped
+from servobench.rig.commission.check_run import CheckRun
 from servobench.rig.commission.checks.base import Outcome, State, as_sentence
-from servobench.rig.commission.seen import Seen
 from servobench.rig.devices.base import Device
 from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.experiment import DeviceChoice
@@ -164,7 +164,7 @@ class Bench:
         """Return the names of the runs of the current check."""
         return tuple(self._begun)
 
-    def wait(self, duration: float, look: Look | None = None, *, may_end: bool = False) -> Seen:
+    def wait(self, duration: float, look: Look | None = None, *, may_end: bool = False) -> CheckRun:
         """Record at zero volts for that time [s], or until `look` sees the end; with `may_end` the guard may end it."""
         return self._run(self._experiment(_still(), duration), look=look, may_end=may_end)
 
@@ -177,7 +177,7 @@ class Bench:
         tail: float | None = None,
         may_end: bool = False,
         may_lose: bool = False,
-    ) -> Seen:
+    ) -> CheckRun:
         """Put voltages [V] out, each for a time [s], with zero volts before and after, and return what was seen.
 
         `faults` are injected; `limits` and `settings` of the device are those of this run alone. With `may_end` the guard or the
@@ -201,18 +201,18 @@ class Bench:
         if settings:
             choice = choice.model_copy(update={"settings": {**choice.settings, **settings}})
         experiment = experiment.model_copy(update={"device": choice})
-        seen = self._run(experiment, may_end=may_end, may_lose=may_lose)
-        if tail and seen.recording.stopped.reason == "finished":
-            self._check_rest(seen)
-        return seen
+        run = self._run(experiment, may_end=may_end, may_lose=may_lose)
+        if tail and run.recording.stopped.reason == "finished":
+            self._check_rest(run)
+        return run
 
-    def check_end(self, seen: Seen) -> None:
+    def check_end(self, run: CheckRun) -> None:
         """Raise `CheckEnded` where the guard or the device ended a run; where the computer was late, nothing is known."""
-        stopped = seen.recording.stopped
+        stopped = run.recording.stopped
         if stopped.reason != "fault":
             return
         sentence = as_sentence(f"the run was cut short: {stopped.sentence}")
-        if any(map(_is_lateness, seen.recording.findings)):
+        if any(map(_is_lateness, run.recording.findings)):
             remedy = "Close what keeps the computer busy, and run it again."
             raise CheckEnded(sentence, remedy, "unknown")
         raise CheckEnded(sentence, "See to that first, then run it again.")
@@ -260,7 +260,7 @@ class Bench:
         look: Look | None = None,
         may_end: bool = False,
         may_lose: bool = False,
-    ) -> Seen:
+    ) -> CheckRun:
         again = len(self._begun) + 1
         name = (
             f"{len(self.outcomes) + 1:02d}-{self._check.replace('_', '-')}{f'-{again}' if again > 1 else ''}"
@@ -290,13 +290,13 @@ class Bench:
             )
         if stopped.reason in ("device_lost", "error") and not may_lose:
             raise CheckEnded(as_sentence(stopped.sentence), "Look at the supply and the cable.", halts=True)
-        seen = Seen.of(recording)
+        run = CheckRun.of(recording)
         if not may_end:
-            self.check_end(seen)
-        return seen
+            self.check_end(run)
+        return run
 
-    def _check_rest(self, seen: Seen) -> None:
-        moved = seen.range(seen.duration - REST, float("inf"))
+    def _check_rest(self, run: CheckRun) -> None:
+        moved = run.range(run.duration - REST, float("inf"))
         if moved > self.quiet and self.is_settled("stop"):
             coasting = self.wait(COAST)
             moved = coasting.range(coasting.duration - REST, float("inf"))

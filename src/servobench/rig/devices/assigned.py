@@ -49,9 +49,9 @@ class Assigned:
 
     def __init__(self, settings: AssignedSettings) -> None:
         own = individual(read_secret(settings.secret), settings.exercise, settings.student)
-        given = {**settings.shared, **own.twin_settings, "timing": settings.timing}
+        twin_settings = {**settings.shared, **own.twin_settings, "timing": settings.timing}
         try:
-            chosen = TwinSettings.model_validate(given)
+            chosen = TwinSettings.model_validate(twin_settings)
         except ValidationError as error:
             # Told by the names alone: what pydantic says would show the values.
             names = ", ".join(sorted({".".join(map(str, each["loc"])) for each in error.errors()}))

@@ -377,12 +377,12 @@ class Guarded:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return what is worth knowing of the run so far: warnings of the monitors, clipping, and faults."""
-        found = [finding for monitor in self._monitors for finding in monitor.findings()]
+        findings = [finding for monitor in self._monitors for finding in monitor.findings()]
         if self._limited:
-            found.append(saturation_finding(self._limited))
+            findings.append(saturation_finding(self._limited))
         if isinstance(self.device, Reporting):
-            found.extend(self.device.findings())
-        return (*found, *faults_found(self._faults, found))
+            findings.extend(self.device.findings())
+        return (*findings, *faults_found(self._faults, findings))
 
     def _prepare(self, sample_time: float) -> None:
         """Set everything to the beginning of a run."""
@@ -463,15 +463,15 @@ class Guarded:
 
     def _refuse(self, sample: Sample, alarm: Alarm) -> Sample:
         """Trip on a sample that nothing can be made of, and return it as far as it can be recorded."""
-        kept = recordable(sample)
+        recordable_sample = recordable(sample)
         if self._fault is None:
-            self._trip(alarm, self.limits.terminate.voltage, kept)
+            self._trip(alarm, self.limits.terminate.voltage, recordable_sample)
         elif self._ends:
             self._attempt_again()
             self._end()
-        if kept is None:
+        if recordable_sample is None:
             raise DeviceError(alarm.sentence)
-        return kept
+        return recordable_sample
 
     def _trip(self, alarm: Alarm, voltage: float, sample: Sample | None = None) -> None:
         """Latch a fault, put out a voltage in its place, and with "end" end the run; `sample` is one to be recorded."""

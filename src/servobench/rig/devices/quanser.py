@@ -126,8 +126,8 @@ class Quanser:
                 ),
                 Channel(name="tachometer", unit="rad/s", resolution=2 * math.pi / COUNTS_PER_REV),
             ]
-        given = self.settings.model_dump(exclude_defaults=True)
-        settings = (("board", self.settings.board), *((n, str(v)) for n, v in given.items() if n != "board"))
+        values = self.settings.model_dump(exclude_defaults=True)
+        settings = (("board", self.settings.board), *((n, str(v)) for n, v in values.items() if n != "board"))
         return DeviceInfo(
             name="quanser",
             channels=tuple(channels),

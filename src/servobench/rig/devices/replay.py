@@ -164,13 +164,13 @@ def _choose(settings: ReplaySettings) -> Recording:
         ) from None
     names = [recording.name for recording in recordings]
     if isinstance(settings.recording, str):
-        found = [place for place, name in enumerate(names) if name == settings.recording]
+        places = [place for place, name in enumerate(names) if name == settings.recording]
     else:
-        found = [settings.recording] if settings.recording < len(names) else []
-    if len(found) == 1:
-        return recordings[found[0]]
+        places = [settings.recording] if settings.recording < len(names) else []
+    if len(places) == 1:
+        return recordings[places[0]]
     listed = ", ".join(f"{place}: {name!r}" for place, name in enumerate(names))
-    problem = "several recordings" if found else "no recording"
+    problem = "several recordings" if places else "no recording"
     raise UsageError(f"{settings.file} has {problem} {settings.recording!r}; it holds {listed}")
 
 

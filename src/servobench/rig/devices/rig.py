@@ -167,9 +167,9 @@ class Rig:
         by_itself = self._preloaded or self._law
         if not by_itself:
             channels.append(Channel(name="held_since", unit="s"))
-        given = self.settings.model_dump(exclude_defaults=True)
+        settings = self.settings.model_dump(exclude_defaults=True)
         if self._law:
-            given["law"] = "the board's"
+            settings["law"] = "the board's"
         return DeviceInfo(
             name=NAME,
             serial=self.settings.port,
@@ -177,7 +177,7 @@ class Rig:
             delay=LATCH_TO_LAW if self._law else LATCH_TO_DUTY if self._preloaded else 0.0,
             timing="device",
             settings=(
-                *((name, str(value)) for name, value in given.items()),
+                *((name, str(value)) for name, value in settings.items()),
                 *((("firmware", self._firmware),) if self._firmware else ()),
             ),
         )

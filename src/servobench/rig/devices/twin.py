@@ -104,10 +104,10 @@ class TwinSettings(Settings):
     def parameters(self) -> MotorParameters:
         """The motor's true parameters."""
         names = ("resistance", "inductance", "motor_constant", "rotor_inertia", "hub_inertia", "disc_inertia")
-        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        overrides = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         return replace(
             self.data_sheet.motor,
-            **given,
+            **overrides,
             viscous_friction=self.viscous_friction,
             coulomb_torque=self.coulomb_torque,
         )
@@ -199,7 +199,7 @@ class Twin:
             )
         if self._tachometer:
             channels.append(Channel(name="tachometer", unit="rad/s", resolution=self._tachometer.resolution))
-        given = self.settings.model_dump(exclude_defaults=True)
+        settings = self.settings.model_dump(exclude_defaults=True)
         return DeviceInfo(
             name="twin",
             serial="simulated",
@@ -207,7 +207,7 @@ class Twin:
             timing=self.settings.timing,
             settings=(
                 ("motor", self.settings.motor),
-                *((n, str(v)) for n, v in given.items() if n != "motor"),
+                *((n, str(v)) for n, v in settings.items() if n != "motor"),
             ),
         )
 

@@ -32,12 +32,12 @@ _TURN = 2 * np.pi
 
 def outcomes_of(motors: Motors, course: Course, experiment: Experiment) -> dict[str, Array]:
     """Return each outcome that the experiment has (n,): a margin needs a controller, an overshoot a step of its reference."""
-    found = {"gain": motors.gain, "time_constant": motors.time_constant}
+    outcomes = {"gain": motors.gain, "time_constant": motors.time_constant}
     if isinstance(experiment.controller, OpenLoop):
-        return found
+        return outcomes
     if np.isfinite(course.overshoot).any():
-        found |= {"overshoot": course.overshoot, "settling_time": course.settling_time}
-    return {**found, "phase_margin": phase_margins(motors, experiment)}
+        outcomes |= {"overshoot": course.overshoot, "settling_time": course.settling_time}
+    return {**outcomes, "phase_margin": phase_margins(motors, experiment)}
 
 
 def phase_margins(motors: Motors, experiment: Experiment) -> Array:
@@ -51,14 +51,14 @@ def phase_margins(motors: Motors, experiment: Experiment) -> Array:
     law = sampled_law(experiment.controller, h)
     omega = np.geomspace(1e-6 * np.pi / h, (1 - 1e-6) * np.pi / h, _FREQUENCIES)
     by_law = np.array([law.at(1j * np.tan(0.5 * each * h)) for each in omega])
-    found = []
+    margins = []
     for start in range(0, len(motors), _AT_ONCE):
         part = Motors(
             parameters={name: each[start : start + _AT_ONCE] for name, each in motors.parameters.items()},
             series=motors.series,
         )
-        found.append(_nearest_margins(by_law * _motor_responses(part, np.exp(1j * omega * h), h)))
-    return np.concatenate(found)
+        margins.append(_nearest_margins(by_law * _motor_responses(part, np.exp(1j * omega * h), h)))
+    return np.concatenate(margins)
 
 
 def _motor_responses(motors: Motors, z: Array, h: float) -> Array:

@@ -31,6 +31,6 @@ def recording_of(
             "disc_inertia": 0.0,
         }
     )
-    drawn = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
+    noise_seed = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
     with Twin(own) as device:
-        return run(experiment.model_copy(update={"seed": drawn, "name": f"motor {number}"}), device)
+        return run(experiment.model_copy(update={"seed": noise_seed, "name": f"motor {number}"}), device)

@@ -36,16 +36,16 @@ class Sensitivity:
 def ends_of(values: Mapping[str, float], tolerances: Sequence[Tolerance]) -> dict[str, Array]:
     """Return the parameters of 1 + 2 T motors: the nominal one, then for each tolerance its lower and its upper end."""
     count = 1 + 2 * len(tolerances)
-    found = {name: np.full(count, value) for name, value in values.items()}
+    parameters = {name: np.full(count, value) for name, value in values.items()}
     for number, each in enumerate(tolerances):
-        found[each.name][1 + 2 * number] -= each.half
-        found[each.name][2 + 2 * number] += each.half
-    return found
+        parameters[each.name][1 + 2 * number] -= each.half
+        parameters[each.name][2 + 2 * number] += each.half
+    return parameters
 
 
 def sensitivities(tolerances: Sequence[Tolerance], outcomes: Mapping[str, Array]) -> tuple[Sensitivity, ...]:
     """Return the sensitivities of each outcome, the strongest first; `outcomes` are those of the motors of `ends_of`."""
-    found = []
+    ranking = []
     for name, values in outcomes.items():
         low, high = values[1::2], values[2::2]
         squares = (high - low) ** 2
@@ -60,5 +60,5 @@ def sensitivities(tolerances: Sequence[Tolerance], outcomes: Mapping[str, Array]
             )
             for number, each in enumerate(tolerances)
         ]
-        found += sorted(rows, key=lambda row: -abs(np.nan_to_num(row.effect)))
-    return tuple(found)
+        ranking += sorted(rows, key=lambda row: -abs(np.nan_to_num(row.effect)))
+    return tuple(ranking)

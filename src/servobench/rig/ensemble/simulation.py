@@ -203,10 +203,10 @@ def check_can_be_simulated(experiment: Experiment, twin: TwinSettings) -> None:
             f"ensemble: the experiment is {length}; expected a duration of at most {MOST_TICKS} ticks"
         )
     for name, plain in (("delay", 0.0), ("solver", "exact"), ("watchdog", None)):
-        given = getattr(twin, name)
-        if given != plain:
+        value = getattr(twin, name)
+        if value != plain:
             raise UsageError(
-                f"ensemble: the twin's {name} is {given}, which an ensemble doesn't simulate; leave it out"
+                f"ensemble: the twin's {name} is {value}, which an ensemble doesn't simulate; leave it out"
             )
     if experiment.device.faults:
         raise UsageError(

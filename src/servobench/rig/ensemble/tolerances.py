@@ -93,9 +93,9 @@ def draw_motors(
     }
 
 
-def _tolerance(name: str, value: float, given: object) -> Tolerance:
-    half = _half_width(name, value, given)
-    what = f"spread: {name}={given}"
+def _tolerance(name: str, value: float, spread: object) -> Tolerance:
+    half = _half_width(name, value, spread)
+    what = f"spread: {name}={spread}"
     if not (math.isfinite(half) and half >= 0.0):
         raise UsageError(
             f"{what}: expected a tolerance of 0 or more, such as 10% or a half width with its unit"
@@ -105,31 +105,31 @@ def _tolerance(name: str, value: float, given: object) -> Tolerance:
             f"{what}: {with_unit(value, PARAMETERS[name])} less {with_unit(half, PARAMETERS[name])} is a value that no motor "
             f"has; expected {'at most' if name in _MAY_BE_ZERO else 'less than'} 100%"
         )
-    if half == 0.0 and value == 0.0 and given not in (0, 0.0):
+    if half == 0.0 and value == 0.0 and spread not in (0, 0.0):
         raise UsageError(
             f"{what}: the {parameter_in_words(name)} is 0, and so is any part of it; set it in the motor's settings first"
         )
     return Tolerance(name=name, value=value, half=half)
 
 
-def _half_width(name: str, value: float, given: object) -> float:
-    if isinstance(given, int | float) and not isinstance(given, bool):
-        return float(given) * abs(value)
-    if not isinstance(given, str):
+def _half_width(name: str, value: float, spread: object) -> float:
+    if isinstance(spread, int | float) and not isinstance(spread, bool):
+        return float(spread) * abs(value)
+    if not isinstance(spread, str):
         raise UsageError(
-            f"spread: {name} is {text_of_value(given)}; expected a part of it such as 0.1, or a text such as '10%'"
+            f"spread: {name} is {text_of_value(spread)}; expected a part of it such as 0.1, or a text such as '10%'"
         )
     try:
-        if given.rstrip().endswith("%"):
-            return float(given.rstrip()[:-1]) / 100 * abs(value)
-        half = quantity(given, PARAMETERS[name])
+        if spread.rstrip().endswith("%"):
+            return float(spread.rstrip()[:-1]) / 100 * abs(value)
+        half = quantity(spread, PARAMETERS[name])
     except UnitError as error:
         raise UsageError(f"spread: {name}: {error}, or a percentage such as 10%") from None
     except ValueError:
-        raise UsageError(f"spread: {name}={given}: expected a number before the %, such as 10%") from None
-    if _is_bare(given):
+        raise UsageError(f"spread: {name}={spread}: expected a number before the %, such as 10%") from None
+    if _is_bare(spread):
         raise UsageError(
-            f"spread: {name}={given}: expected a percentage such as 10%, or a half width with its unit, such as "
+            f"spread: {name}={spread}: expected a percentage such as 10%, or a half width with its unit, such as "
             f"{with_unit(0.1 * value, PARAMETERS[name], 2)}"
         )
     return half

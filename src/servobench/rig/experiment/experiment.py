@@ -209,18 +209,18 @@ _TABLES = ("signal", "controller", "device", "limits", "when_late")
 
 def to_toml(experiment: Experiment) -> str:
     """Return an experiment as the text of a TOML file: everything spelled out, each quantity with its unit."""
-    given = with_units(experiment)
+    entries = with_units(experiment)
     # A signal's levels are volts where it is the voltage; otherwise they are what the controller follows.
-    given["signal"] = with_units(experiment, {"V": experiment.controller.reference_unit})["signal"]
-    fields = {name: value for name, value in given.items() if name not in _TABLES and value != ""}
+    entries["signal"] = with_units(experiment, {"V": experiment.controller.reference_unit})["signal"]
+    fields = {name: value for name, value in entries.items() if name not in _TABLES and value != ""}
     fields.setdefault("duration", "endless")
     fields.setdefault("seed", "random")
     for monitor in ("stall", "plausibility"):
-        given["limits"].setdefault(monitor, "off")
+        entries["limits"].setdefault(monitor, "off")
     for name in ("settings", "faults"):
-        if not given["device"][name]:
-            del given["device"][name]
-    tables = {"experiment": fields, **{name: given[name] for name in _TABLES}}
+        if not entries["device"][name]:
+            del entries["device"][name]
+    tables = {"experiment": fields, **{name: entries[name] for name in _TABLES}}
     lines = ["# An experiment for servobench. A number without a unit is in SI units."]
     for name, table in tables.items():
         lines += table_lines((name,), table)

@@ -155,9 +155,9 @@ class Limits(Settings):
 
     def findings(self) -> tuple[Finding, ...]:
         """Return the findings about limits that drive a motor without a loop, or switch the stall monitor off."""
-        found = []
+        findings = []
         if self.start.voltage:
-            found.append(
+            findings.append(
                 warning(
                     "voltage-at-start",
                     f"{self.start.voltage:g} V are applied before the run starts (limits.start.voltage), so the "
@@ -167,7 +167,7 @@ class Limits(Settings):
         for name in ("terminate", "watchdog"):
             value = getattr(self, name).voltage
             if value:
-                found.append(
+                findings.append(
                     warning(
                         "voltage-after-fault",
                         f"After a fault {value:g} V stay on the motor (limits.{name}.voltage), so it may keep "
@@ -175,10 +175,10 @@ class Limits(Settings):
                     )
                 )
         if self.stall is None:
-            found.append(
+            findings.append(
                 info("stall-not-watched", "A blocked shaft isn't detected: the winding may overheat.")
             )
-        return tuple(found)
+        return tuple(findings)
 
     @model_validator(mode="after")
     def _outputs_within(self) -> Self:

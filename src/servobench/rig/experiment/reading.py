@@ -54,9 +54,9 @@ class _ExperimentTable(Settings):
 
     def fields(self) -> dict[str, Any]:
         """Return what was given, in the names of `Experiment`'s fields."""
-        given = {name: getattr(self, name) for name in self.model_fields_set}
-        rate = given.pop("sample_rate", None)
-        return given if rate is None else {**given, "sample_time": 1 / rate}
+        values = {name: getattr(self, name) for name in self.model_fields_set}
+        rate = values.pop("sample_rate", None)
+        return values if rate is None else {**values, "sample_time": 1 / rate}
 
 
 class _File(Settings):
@@ -71,13 +71,13 @@ class _File(Settings):
 
     @field_validator("signal", mode="plain")
     @classmethod
-    def _in_the_controllers_unit(cls, given: Any, info: ValidationInfo) -> Any:
+    def _in_the_controllers_unit(cls, signal: Any, info: ValidationInfo) -> Any:
         """Read the levels in the unit that the controller follows: volts only where the signal is the voltage."""
         if "controller" not in info.data:
-            return given  # a controller with a mistake, which is told; what its signal is in nobody knows before it is mended
+            return signal  # a controller with a mistake, which is told; what its signal is in nobody knows before it is mended
         controller = info.data["controller"]
         unit = "V" if controller is None else controller.reference_unit
-        return TypeAdapter(AnySignal).validate_python(given, context={"V": unit})
+        return TypeAdapter(AnySignal).validate_python(signal, context={"V": unit})
 
     def fields(self) -> dict[str, Any]:
         """Return what was given, in the names of `Experiment`'s fields."""
@@ -140,8 +140,8 @@ def explain(
     """
     lines = lines_of_keys(text)
     problems: list[tuple[int, str]] = []
-    for found, sentence in _sentences(error):
-        path = tuple(part for part in found if part != _KEY)
+    for location, sentence in _sentences(error):
+        path = tuple(part for part in location if part != _KEY)
         line = line_of((*prefix, *path), lines)
         place = name if line is None else f"{name}:{line}"
         where = _path_text((*prefix, *path))

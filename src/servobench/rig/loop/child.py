@@ -145,8 +145,8 @@ class _Loop:
                 raise
             ending = replace(ending, findings=(*ending.findings, _not_closed(error)))
         # Only now is it known how the device took the last stop, and whether it could be closed.
-        found = (*ending.findings, *guarded.findings())
-        self.tell("ended", ending.tick, **ending_to_json(ending.stopped, found))
+        findings = (*ending.findings, *guarded.findings())
+        self.tell("ended", ending.tick, **ending_to_json(ending.stopped, findings))
         if ending.error is not None and not isinstance(ending.error, DeviceError):
             raise ending.error
 
@@ -187,9 +187,9 @@ class _Loop:
         # Last: from here on a board that keeps the time sends samples, whether or not they are read.
         device.start(experiment.sample_time, experiment.seed)
         stopped, error = outcome(carry_out, device)
-        found = (*opened.findings, *steps.findings(), *account.findings())
-        found = (*found, *(scheduling.findings() if scheduling else ()), *woken.findings())
-        return _Ending(stopped, account.last, found, error)
+        findings = (*opened.findings, *steps.findings(), *account.findings())
+        findings = (*findings, *(scheduling.findings() if scheduling else ()), *woken.findings())
+        return _Ending(stopped, account.last, findings, error)
 
     def _attendants(
         self, experiment: Experiment, device: Guarded, drive: Drive, steps: ClockSteps

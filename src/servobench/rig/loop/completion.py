@@ -41,7 +41,7 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorder
     what the rings held is then in another one, which the error names.
     """
     part = part_of(spec.path)
-    found = _readable(part)
+    recording = _readable(part)
     asked = Path(spec.path)
     target = asked if asked.parent.is_dir() else place_beside(asked.absolute())
     if rows.get(RECORDER_STATE) and target.exists() and not part.exists():
@@ -53,13 +53,13 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorder
         read_experiment(spec.experiment, spec.path),
         rows,
         events,
-        begun=None if found is None else _opening(found),
-        row=0 if found is None else _rows_in(found) + _count_missed(found, ROWS_MISSED),
-        event=0 if found is None else _next_event(found),
+        begun=None if recording is None else _opening(recording),
+        row=0 if recording is None else _rows_in(recording) + _count_missed(recording, ROWS_MISSED),
+        event=0 if recording is None else _next_event(recording),
     )
     try:
-        if found is not None:
-            _copy(found, drain)
+        if recording is not None:
+            _copy(recording, drain)
         had = drain.rows
         drain.take()
         stopped, findings = drain.ended or (SILENT, (loop_died(rows),))
@@ -72,7 +72,8 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorder
             f"{new} doesn't contain what was written to it; {part} is kept: copy it to another disk"
         )
     os.replace(new, target)
-    if found is not None or drain.rows == rows.written:  # or else it may hold rows that couldn't be read yet
+    # Or else it may hold rows that couldn't be read yet.
+    if recording is not None or drain.rows == rows.written:
         part.unlink(missing_ok=True)
     if target != asked:
         raise StorageError(elsewhere_text(asked, target))
@@ -87,39 +88,39 @@ def _readable(part: Path) -> Recording | None:
         return None
 
 
-def _opening(found: Recording) -> Recording:
+def _opening(recording: Recording) -> Recording:
     """The description of a part's recording, without samples and without the remark that it was cut short."""
     nothing = np.empty(0)
-    series = tuple(replace(each, values=nothing, t=nothing) for each in found.series)
-    findings = tuple(each for each in found.findings if each.code != CUT_SHORT)
-    return replace(found, series=series, events=(), findings=findings)
+    series = tuple(replace(each, values=nothing, t=nothing) for each in recording.series)
+    findings = tuple(each for each in recording.findings if each.code != CUT_SHORT)
+    return replace(recording, series=series, events=(), findings=findings)
 
 
-def _copy(found: Recording, drain: Drain) -> None:
+def _copy(recording: Recording, drain: Drain) -> None:
     """Write what a part holds."""
-    for event in found.events:
+    for event in recording.events:
         drain.add(event)
         if event.kind == "ended":
             drain.ended = ending_from_json(json.loads(event.text))
-    t = found.series[0].t
-    rows = np.column_stack([*([] if t is None else [t]), *(each.values for each in found.series)])
+    t = recording.series[0].t
+    rows = np.column_stack([*([] if t is None else [t]), *(each.values for each in recording.series)])
     for start in range(0, len(rows), MOST_ROWS):
         drain.append(rows[start : start + MOST_ROWS])
 
 
-def _rows_in(found: Recording) -> int:
-    return len(found.series[0].values)
+def _rows_in(recording: Recording) -> int:
+    return len(recording.series[0].values)
 
 
-def _count_missed(found: Recording, kind: str) -> int:
+def _count_missed(recording: Recording, kind: str) -> int:
     """The number of rows or events that the recorder itself had missed."""
-    return sum(int(json.loads(each.text)["count"]) for each in found.events if each.kind == kind)
+    return sum(int(json.loads(each.text)["count"]) for each in recording.events if each.kind == kind)
 
 
-def _next_event(found: Recording) -> int:
+def _next_event(recording: Recording) -> int:
     """The number of the first event that isn't in a part; what the recorder says itself is none of the loop's events."""
-    present = sum(each.kind not in (ROWS_MISSED, EVENTS_MISSED) for each in found.events)
-    return present + _count_missed(found, EVENTS_MISSED)
+    present = sum(each.kind not in (ROWS_MISSED, EVENTS_MISSED) for each in recording.events)
+    return present + _count_missed(recording, EVENTS_MISSED)
 
 
 def _death_finding(had: int, rows: int) -> Finding:

@@ -236,7 +236,7 @@ class Drain:
 
     def _findings(self) -> tuple[Finding, ...]:
         """The rows missing from the file."""
-        found = []
+        findings = []
         if self._rows_missed:
             places = ", ".join(f"{count} after the first {first}" for first, count in self._gaps)
             more = f" and {self._gap_count - GAPS_TOLD} more times" if self._gap_count > GAPS_TOLD else ""
@@ -244,14 +244,14 @@ class Drain:
                 f"{self._rows_missed} samples were not recorded ({places}{more}), as the recorder fell too far "
                 "behind; the others keep their own times. Record to a faster disk, or more slowly."
             )
-            found.append(warning("rows-not-recorded", sentence))
+            findings.append(warning("rows-not-recorded", sentence))
         if self._events_missed:
             sentence = (
                 f"{self._events_missed} events (commands, faults) were not recorded, as they came faster than the "
                 "recorder could write; their effect on the samples is recorded. Send commands more slowly."
             )
-            found.append(warning("events-not-recorded", sentence))
-        return tuple(found)
+            findings.append(warning("events-not-recorded", sentence))
+        return tuple(findings)
 
 
 def part_of(path: str | os.PathLike[str]) -> Path:

@@ -30,11 +30,11 @@ class Log:
     """
 
     def __init__(
-        self, recorder: Recorder, row: RowMaker, account: Account, block: int, kept: InMemory | None = None
+        self, recorder: Recorder, row: RowMaker, account: Account, block: int, memory: InMemory | None = None
     ) -> None:
         self._recorder = recorder
         self._row = row
-        self._kept = kept
+        self._kept = memory
         self._block = block
         self._rows: list[tuple[float, ...]] = []
         self._blocks: list[Array] = []

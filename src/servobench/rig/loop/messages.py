@@ -60,13 +60,13 @@ class Order:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Return the order in a text; raises `UsageError`, which begins with its number if it has one."""
-        given: Any = None
+        fields: Any = None
         try:
-            given = json.loads(text, parse_constant=_no_number)
-            number = given.pop("number")
+            fields = json.loads(text, parse_constant=_no_number)
+            number = fields.pop("number")
             if not isinstance(number, int) or isinstance(number, bool):
                 raise ValueError(f"the number of a command is {number!r}; expected a whole number")
-            return cls(number=number, command=Command.model_validate(given))
+            return cls(number=number, command=Command.model_validate(fields))
         except (ValidationError, ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
             raise UsageError(f"no command: {_reason(error)}") from None
 

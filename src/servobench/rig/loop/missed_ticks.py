@@ -33,11 +33,11 @@ class MissedTickRule:
 
     def __call__(self, place: Place) -> Stopped | None:
         """Take the tick that was done; returns None, or why the run is to end."""
-        found = self.check(place)
-        if not found:
+        problem = self.check(place)
+        if not problem:
             return None
         advice = "Use a longer sample time, or a computer or connection that keeps up"
-        return Stopped(reason="fault", sentence=f"{found}; it was stopped. {advice}")
+        return Stopped(reason="fault", sentence=f"{problem}; it was stopped. {advice}")
 
     @property
     def due(self) -> int:
@@ -100,11 +100,11 @@ class MissedFault:
         if not self._drive.enabled or self._device.fault is not None:
             self._rule.begin_anew(place.tick.index + 1)
             return None
-        found = self._rule.check(place)
-        if not found:
+        problem = self._rule.check(place)
+        if not problem:
             return None
         advice = (
             "Continue if the computer was busy for a moment; if it happens again, close other programs, or "
             "sample less often"
         )
-        return self._device.refuse(Alarm("ticks-missed", f"{found}; the voltage is set to zero. {advice}"))
+        return self._device.refuse(Alarm("ticks-missed", f"{problem}; the voltage is set to zero. {advice}"))

@@ -315,14 +315,14 @@ class LoopProcess:
                 return
             silence = self._silence
             silence = silence and self._update_silence(silence)
-            found: Finding = loop_died(self.ring) if silence is None else silence.finding()
+            finding: Finding = loop_died(self.ring) if silence is None else silence.finding()
             if silence is not None:
                 stopped = Stopped(reason="device_lost", sentence=f"the device failed: {silence.sentence}")
             else:
                 stopped = Stopped(reason="error", sentence=self._last_words())
-            if silence is None and found.severity is Severity.DANGER:
+            if silence is None and finding.severity is Severity.DANGER:
                 self._warn(urgent(f"{stopped.sentence}; zero volts were not confirmed"))
-            self._ended = Notice(kind="ended", about=ending_to_json(stopped, (found,)))
+            self._ended = Notice(kind="ended", about=ending_to_json(stopped, (finding,)))
             if self.ring.written:  # otherwise there is nothing to be recorded
                 self._events.push(self._ended.to_text())
 

@@ -98,9 +98,9 @@ class RecorderSpec:
     @classmethod
     def from_line(cls, line: bytes) -> Self:
         """Return the spec in a line of ours."""
-        given = json.loads(line)
-        late = given.pop("late")
-        return cls(late=None if late is None else Late(**late), **given)
+        fields = json.loads(line)
+        late = fields.pop("late")
+        return cls(late=None if late is None else Late(**late), **fields)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,8 +147,8 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
         stopped = _follow(drain, rows, signs, patience)
         drain.take()  # what came since the last look, where no last word ends the run
         _publish(drain, rows)
-        found = (loop_died(rows),) if stopped is SILENT else (ENDED_EARLY,)
-        is_there = drain.end(*(_early_end(spec, drain) or drain.ended or (stopped, found)))
+        findings = (loop_died(rows),) if stopped is SILENT else (ENDED_EARLY,)
+        is_there = drain.end(*(_early_end(spec, drain) or drain.ended or (stopped, findings)))
     except BaseException:
         rows.set(RECORDER_STATE, FAILED)
         _wait_for_rest(rows, signs)

@@ -204,8 +204,10 @@ def _check(kind: str, name: str, segment: Segment) -> None:
         )
     if memory[KIND] != KINDS[kind]:
         known = {number: word for word, number in KINDS.items()}
-        found = known.get(int(memory[KIND]), f"records of an unknown kind ({memory[KIND]})")
-        raise FormatError(f"shared memory {name!r} holds {found}; expected {kind}: use the other ring's name")
+        contents = known.get(int(memory[KIND]), f"records of an unknown kind ({memory[KIND]})")
+        raise FormatError(
+            f"shared memory {name!r} holds {contents}; expected {kind}: use the other ring's name"
+        )
     slots, width = int(memory[SLOTS]), int(memory[WIDTH])
     if slots < 2 or slots & (slots - 1) or width < 1 or HEADER + slots * width > len(memory):
         raise FormatError(

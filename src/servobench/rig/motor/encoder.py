@@ -46,8 +46,8 @@ class CurrentSensor(Settings):
 
     def read(self, current: float, random: np.random.Generator) -> float:
         """Return what the channel shows for a current [A]."""
-        seen = current + (random.normal(0.0, self.noise) if self.noise else 0.0)
-        return float(max(-self.range, min(self.range, round(seen / self.resolution) * self.resolution)))
+        value = current + (random.normal(0.0, self.noise) if self.noise else 0.0)
+        return float(max(-self.range, min(self.range, round(value / self.resolution) * self.resolution)))
 
 
 class Tachometer(Settings):
@@ -60,5 +60,5 @@ class Tachometer(Settings):
 
     def read(self, speed: float, random: np.random.Generator) -> float:
         """Return what the channel shows for a speed [rad/s]."""
-        seen = speed + (random.normal(0.0, self.noise) if self.noise else 0.0)
-        return float(round(seen / self.resolution) * self.resolution if self.resolution > 0 else seen)
+        value = speed + (random.normal(0.0, self.noise) if self.noise else 0.0)
+        return float(round(value / self.resolution) * self.resolution if self.resolution > 0 else value)

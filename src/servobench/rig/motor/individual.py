@@ -74,8 +74,8 @@ def individual(secret: bytes, exercise: str, name: str) -> Individual:
 
     def part(quantity: str) -> float:
         """A number from 0 to 1, drawn for this quantity alone: who finds one out knows no other."""
-        drawn = hash_words(secret, _PURPOSE, exercise, same_name(name), quantity)
-        return (int.from_bytes(drawn[:8], "big") >> 11) / 2.0**53
+        digest = hash_words(secret, _PURPOSE, exercise, same_name(name), quantity)
+        return (int.from_bytes(digest[:8], "big") >> 11) / 2.0**53
 
     def even(quantity: str, limits: tuple[float, float]) -> float:
         return limits[0] + (limits[1] - limits[0]) * part(quantity)

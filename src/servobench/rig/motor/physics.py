@@ -72,8 +72,8 @@ class Physics:
         k, r, b = self.motor_constant, self.resistance, self.viscous_friction
         if self.inductance == 0:
             return (complex(-(b + k * k / r) / self.inertia),)
-        found = np.linalg.eigvals(self.matrix).astype(complex)
-        return tuple(complex(value) for value in sorted(found, key=abs))
+        values = np.linalg.eigvals(self.matrix).astype(complex)
+        return tuple(complex(value) for value in sorted(values, key=abs))
 
     @property
     def gain(self) -> float:

@@ -19,16 +19,16 @@ def new_secret(path: Path) -> bytes:
 
     Raises `StorageError` where it can't be written.
     """
-    drawn = os.urandom(LENGTH)
+    secret = os.urandom(LENGTH)
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
         with os.fdopen(handle, "wb") as file:
-            file.write(drawn)
+            file.write(secret)
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
         raise StorageError(f"the secret {path} can't be written: {error.strerror or error}") from error
-    return drawn
+    return secret
 
 
 def read_secret(path: Path) -> bytes:

@@ -70,17 +70,17 @@ class Message:
         >>> protocol().message("duty").pack(7, owner=1, duty=-2).hex(" ")
         '07 07 01 00 fe ff e9 0e'
         """
-        given: list[int] = []
+        numbers: list[int] = []
         if self.checked and "check" not in values:
             return (unchecked := self.pack(sequence, check=0, **values)[:-2]) + check16(unchecked).to_bytes(
                 2, "little"
             )
         for field in self.fields:
             value = values.pop(field.name)
-            given += value if field.count > 1 else [value]
+            numbers += value if field.count > 1 else [value]
         if values:
             raise TypeError(f"{self.name} has no fields {', '.join(values)}")
-        return self.struct.pack(self.code, sequence & 0xFF, *given)
+        return self.struct.pack(self.code, sequence & 0xFF, *numbers)
 
     def unpack(self, payload: bytes) -> dict[str, Any]:
         """Return the values of a payload by the fields' names, `sequence` included. Raises `FormatError` for another length."""
@@ -89,14 +89,14 @@ class Message:
                 f"a {self.name} of {len(payload)} bytes; expected {self.struct.size}: host and firmware differ, flash it anew"
             )
         _, sequence, *numbers = self.struct.unpack(payload)
-        found: dict[str, Any] = {"sequence": sequence}
+        values: dict[str, Any] = {"sequence": sequence}
         place = 0
         for field in self.fields:
-            found[field.name] = (
+            values[field.name] = (
                 numbers[place] if field.count == 1 else tuple(numbers[place : place + field.count])
             )
             place += field.count
-        return found
+        return values
 
 
 @cache

@@ -21,11 +21,11 @@ class OpenLoop(Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_fade(cls, given: Any) -> Any:
+    def _without_fade(cls, settings: Any) -> Any:
         """Read the files of earlier versions, which had a time constant for such a transition."""
-        if isinstance(given, dict):
-            return {name: value for name, value in given.items() if name != "fade_time"}
-        return given
+        if isinstance(settings, dict):
+            return {name: value for name, value in settings.items() if name != "fade_time"}
+        return settings
 
     @property
     def reference_unit(self) -> str:

@@ -96,18 +96,18 @@ def _equations(
     parts = range(len(names))
     reached = _spread({n for n in parts if b[n]}, {n: {i for i in parts if a[i][n]} for n in parts})
     observed = _spread({n for n in parts if c[n]}, {n: {j for j in parts if a[n][j]} for n in parts})
-    kept = sorted(reached & observed)
-    return [[a[i][j] for j in kept] for i in kept], [b[i] for i in kept], [c[i] for i in kept], d
+    states = sorted(reached & observed)
+    return [[a[i][j] for j in states] for i in states], [b[i] for i in states], [c[i] for i in states], d
 
 
 def _spread(start: set[int], leads: dict[int, set[int]]) -> set[int]:
     """All that a start leads to, itself included."""
-    found, ahead = set(start), list(start)
+    reachable, ahead = set(start), list(start)
     while ahead:
-        new = leads[ahead.pop()] - found
-        found |= new
+        new = leads[ahead.pop()] - reachable
+        reachable |= new
         ahead += new
-    return found
+    return reachable
 
 
 def _ratio(a: _Matrix, b: list[Fraction], c: list[Fraction], d: Fraction) -> tuple[_Polynomial, _Polynomial]:

@@ -36,9 +36,9 @@ def edge_speed(
     times = timer * np.floor(np.interp(edges, position[rising], t[rising]) / timer)
     newest = np.searchsorted(times, at, side="right") - 1
     speeds = np.zeros(len(at))
-    seen = newest >= counts
-    j = newest[seen]
+    enough = newest >= counts
+    j = newest[enough]
     took = np.maximum(times[j] - times[j - counts], timer)
-    overdue = np.maximum(at[seen] - times[j], timer)
-    speeds[seen] = np.minimum(counts * quantum / took, quantum / overdue)
+    overdue = np.maximum(at[enough] - times[j], timer)
+    speeds[enough] = np.minimum(counts * quantum / took, quantum / overdue)
     return speeds

@@ -26,9 +26,9 @@ def impulse_response(estimate: SpeedEstimate, sample_time: float) -> Array:
         x = np.zeros(2 * length)
         x[length] = 1.0  # late enough for every window to be filled
         g = estimate(x, sample_time * np.arange(2 * length, dtype=np.float64))[length:]
-        seen = np.flatnonzero(np.abs(g) > _GONE * np.abs(g).max())
-        if len(seen) and seen[-1] < length // 2:
-            return np.asarray(g[: seen[-1] + 1])
+        nonzero = np.flatnonzero(np.abs(g) > _GONE * np.abs(g).max())
+        if len(nonzero) and nonzero[-1] < length // 2:
+            return np.asarray(g[: nonzero[-1] + 1])
         length *= 4
     raise UsageError(
         f"`{estimate}` at {sample_time:g} s still responds to a sample {_LONGEST} samples later; expected a response "

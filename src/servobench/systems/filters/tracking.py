@@ -106,8 +106,8 @@ class MotorKalman:
 
         advance, _ = self._model
         driven = self.acceleration * np.array([[0.5 * self.sample_time**2], [self.sample_time]])
-        seen, scatter = np.array([[1.0], [0.0]]), self.quantum**2 / 12
-        ahead = solve_discrete_are(advance.T, seen, driven @ driven.T, np.array([[scatter]]))
+        output_vector, scatter = np.array([[1.0], [0.0]]), self.quantum**2 / 12
+        ahead = solve_discrete_are(advance.T, output_vector, driven @ driven.T, np.array([[scatter]]))
         return float(ahead[0, 0] / (ahead[0, 0] + scatter)), float(ahead[1, 0] / (ahead[0, 0] + scatter))
 
     def __call__(self, x: Array, t: Array) -> Array:
@@ -115,14 +115,14 @@ class MotorKalman:
         speeds = np.zeros(x.shape)
         if len(x) == 0:
             return speeds
-        (_, of_speed), (_, kept) = self._model[0]
+        (_, of_speed), (_, decay) = self._model[0]
         of_voltage = self._model[1]
         correct_position, correct_speed = self.corrections
         u = self.voltage(t)
         position, speed = np.array(x[0], dtype=np.float64), np.zeros(x.shape[1:])
         for k in range(1, len(t)):
             ahead = position + of_speed * speed + of_voltage[0] * u[k - 1]
-            faster = kept * speed + of_voltage[1] * u[k - 1]
+            faster = decay * speed + of_voltage[1] * u[k - 1]
             surprise = x[k] - ahead
             position, speed = ahead + correct_position * surprise, faster + correct_speed * surprise
             speeds[k] = speed
@@ -134,7 +134,7 @@ class MotorKalman:
     @property
     def _model(self) -> tuple[Array, Array]:
         """The transition of position and speed over a sample, and the effect of a volt on them."""
-        kept = math.exp(-self.sample_time / self.time_constant)
-        moved = self.time_constant * (1 - kept)
-        advance = np.array([[1.0, moved], [0.0, kept]])
-        return advance, self.gain * np.array([self.sample_time - moved, 1 - kept])
+        decay = math.exp(-self.sample_time / self.time_constant)
+        moved = self.time_constant * (1 - decay)
+        advance = np.array([[1.0, moved], [0.0, decay]])
+        return advance, self.gain * np.array([self.sample_time - moved, 1 - decay])

@@ -118,16 +118,16 @@ def _limits(loop: TransferFunction, n: Array, d: Array) -> list[_Limit]:
     """All limits up to a gain beyond which poles only move to the right: no larger gain makes the loop stable."""
     phase = Phase.of(loop)
     edges = _edges(loop, n, d)
-    found = [_Limit(gain=_gain(n, d, 0.0), more=_at_zero(n, d, loop.delay))] if n[-1] * d[-1] < 0 else []
+    limits = [_Limit(gain=_gain(n, d, 0.0), more=_at_zero(n, d, loop.delay))] if n[-1] * d[-1] < 0 else []
     for low, high in pairwise(edges):
         for omega, falls in _crossings(phase, low, high):
-            found.append(_Limit(gain=_gain(n, d, omega), more=2 if falls else -2))
+            limits.append(_Limit(gain=_gain(n, d, omega), more=2 if falls else -2))
     # Beyond the last edge the phase falls and |L| with it, so that the gains grow from one crossing to the next.
-    taken_back = max((limit.gain for limit in found if limit.more < 0), default=0.0)
+    taken_back = max((limit.gain for limit in limits if limit.more < 0), default=0.0)
     for omega in _crossings_beyond(phase, edges[-1], loop.delay, len(n) + len(d)):
-        found.append(_Limit(gain=_gain(n, d, omega), more=2))
-        if found[-1].gain > taken_back:
-            return found
+        limits.append(_Limit(gain=_gain(n, d, omega), more=2))
+        if limits[-1].gain > taken_back:
+            return limits
     raise UsageError(
         f"stable gains: the delay of {loop.delay:g} s turns the loop more than {_MOST} times before its poles only "
         "move to the right; that is too far to search"

@@ -91,7 +91,7 @@ def _gains(n: Array, d: Array) -> Array:
 def _meetings(n: Array, d: Array) -> tuple[tuple[float, float], ...]:
     """The points at which two branches meet on the real axis: k = -D/N has an extremum there, and is above zero."""
     extremum: Array = np.polysub(np.polymul(np.polyder(d), n), np.polymul(d, np.polyder(n)))
-    found = []
+    points = []
     for root in np.roots(extremum):
         if abs(root.imag) > 1e-7 * max(abs(root), 1e-300):
             continue
@@ -99,8 +99,8 @@ def _meetings(n: Array, d: Array) -> tuple[tuple[float, float], ...]:
         over = float(np.polyval(n, at))
         k = -float(np.polyval(d, at)) / over if over else math.inf
         if 0 < k < math.inf:
-            found.append((k, at))
-    return tuple(sorted(found))
+            points.append((k, at))
+    return tuple(sorted(points))
 
 
 def _in_order(before: NDArray[np.complex128], now: NDArray[np.complex128]) -> NDArray[np.complex128]:

@@ -41,19 +41,19 @@ def poles_of(polynomial: Sequence[float] | Coefficients) -> tuple[Pole, ...]:
     """
     p = np.trim_zeros(np.asarray(polynomial, dtype=np.float64), "f")
     body = np.trim_zeros(p, "b")
-    found = [Pole(at=0j, multiplicity=len(p) - len(body), uncertainty=0.0)] if len(body) < len(p) else []
+    poles = [Pole(at=0j, multiplicity=len(p) - len(body), uncertainty=0.0)] if len(body) < len(p) else []
     roots = [complex(root) for root in np.roots(body)]
     while roots:
         pole, group = _largest(body, roots)
         mirror = pole.at.conjugate()
         for root in group:
             roots.remove(root)
-        found.append(pole)
+        poles.append(pole)
         if pole.at.imag != 0:  # of a real polynomial the conjugate is a root as often
-            found.append(Pole(at=mirror, multiplicity=pole.multiplicity, uncertainty=pole.uncertainty))
+            poles.append(Pole(at=mirror, multiplicity=pole.multiplicity, uncertainty=pole.uncertainty))
             for root in _nearest(roots, mirror, pole.multiplicity):
                 roots.remove(root)
-    return tuple(sorted(found, key=lambda pole: (abs(pole.at), -pole.at.imag)))
+    return tuple(sorted(poles, key=lambda pole: (abs(pole.at), -pole.at.imag)))
 
 
 def multiplicity_at(polynomial: Sequence[float] | Coefficients, s: complex) -> int:

@@ -58,11 +58,11 @@ def _judge(
     factors: Callable[[], tuple[tuple[float, float], ...]],
 ) -> ProportionalLoop:
     stable = closed.verdict == "stable"
-    found, delay = left() if stable else (None, None)
+    loop_margins, delay = left() if stable else (None, None)
     return ProportionalLoop(
         sample_time=sample_time,
         closed=closed,
-        margins=found,
+        margins=loop_margins,
         delay_margin=delay,
         stable_factors=None if stable else factors(),
     )

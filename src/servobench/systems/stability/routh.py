@@ -127,10 +127,10 @@ def _table(coefficients: list[Fraction], factor: tuple[int, int] | None) -> Rout
 
 def _next(above: list[Fraction], row: list[Fraction]) -> list[Fraction]:
     """The row below two others; a difference that is nothing but rounding is zero."""
-    found = []
+    entries = []
     for k in range(len(above) - 1):
         right = row[k + 1] if k + 1 < len(row) else Fraction(0)
         one, two = row[0] * above[k + 1], above[0] * right
         left = one - two
-        found.append(Fraction(0) if abs(left) <= _ROUNDING * (abs(one) + abs(two)) else left / row[0])
-    return found
+        entries.append(Fraction(0) if abs(left) <= _ROUNDING * (abs(one) + abs(two)) else left / row[0])
+    return entries

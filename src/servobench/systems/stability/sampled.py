@@ -43,10 +43,10 @@ def stable_sampled_gains(loop: SampledLoop) -> tuple[tuple[float, float], ...]:
     Poles cross the unit circle at `gain_limits` only; between two of these one factor decides for all.
     """
     limits = [0.0, *sorted(k for k in gain_limits(loop) if 0 < k < math.inf)]
-    kept = [k for n, k in enumerate(limits) if not n or k > limits[n - 1] * (1 + _APART)]
+    edges = [k for n, k in enumerate(limits) if not n or k > limits[n - 1] * (1 + _APART)]
     ranges = [
         (low, high)
-        for low, high in pairwise([*kept, math.inf])
+        for low, high in pairwise([*edges, math.inf])
         if _outside(loop, _between(low, high))[1] == "stable"
     ]
     joined: list[tuple[float, float]] = []

@@ -46,18 +46,18 @@ def stability(system: TransferFunction) -> StabilityReport:
     stable
     """
     check_type("system", system, TransferFunction, "a TransferFunction, such as result.transfer_function")
-    found = poles_of(system.denominator)
+    poles = poles_of(system.denominator)
     # A system that is zero shows nothing of its poles.
     left_over = [
         pole.multiplicity - multiplicity_at(system.numerator, pole.at) if any(system.numerator) else 0
-        for pole in found
+        for pole in poles
     ]
-    seen = [
+    visible_poles = [
         Pole(at=pole.at, multiplicity=left, uncertainty=pole.uncertainty)
-        for pole, left in zip(found, left_over, strict=True)
+        for pole, left in zip(poles, left_over, strict=True)
         if left > 0 and pole.side >= 0
     ]
-    reasons = [_reason(pole, left) for pole, left in zip(found, left_over, strict=True) if pole.at.imag >= 0]
+    reasons = [_reason(pole, left) for pole, left in zip(poles, left_over, strict=True) if pole.at.imag >= 0]
     proper = _order(system.numerator) <= _order(system.denominator)
     if not proper:
         reasons.append(
@@ -65,12 +65,12 @@ def stability(system: TransferFunction) -> StabilityReport:
             "jumps gives an unbounded output."
         )
     return StabilityReport(
-        poles=tuple(pole.at for pole in found),
-        multiplicities=tuple(pole.multiplicity for pole in found),
-        verdict=verdict_of(found),
-        bibo=proper and not seen,
+        poles=tuple(pole.at for pole in poles),
+        multiplicities=tuple(pole.multiplicity for pole in poles),
+        verdict=verdict_of(poles),
+        bibo=proper and not visible_poles,
         reasons=tuple(reasons),
-        drive=drive_off(system, seen),
+        drive=drive_off(system, visible_poles),
     )
 
 
@@ -105,9 +105,9 @@ def _reason(pole: Pole, left: int) -> str:
         return f"The pole at {where} 1/s{times} is {side}: its response grows without bound.{hidden}"
     if count > 1:
         return f"The pole at {where} 1/s{times} is {side}: its response grows without any input.{hidden}"
-    kept = "oscillates without decay after" if at.imag else "keeps"
+    verb = "oscillates without decay after" if at.imag else "keeps"
     bounded = "a sinusoid of that frequency" if at.imag else "a constant"
-    sentence = f"The simple pole at {where} 1/s is {side}: the output {kept} its value"
+    sentence = f"The simple pole at {where} 1/s is {side}: the output {verb} its value"
     return (
         f"{sentence}.{hidden}" if hidden else f"{sentence}, and {bounded} as input drives it without bound."
     )

@@ -108,5 +108,11 @@ def nominal_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: fl
 
 
 def _of_the_loop(loop: SampledLoop) -> tuple[float, ...]:
-    found, (low, high) = margins_and_gain_range(loop)
-    return high, 1 / low if low else math.inf, found.phase_margin, found.delay_margin, found.gain_crossover
+    margins, (low, high) = margins_and_gain_range(loop)
+    return (
+        high,
+        1 / low if low else math.inf,
+        margins.phase_margin,
+        margins.delay_margin,
+        margins.gain_crossover,
+    )

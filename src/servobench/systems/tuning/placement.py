@@ -69,12 +69,12 @@ def place_poles(
         + [[value.imag for value in row] for row, _ in rows]
     )
     right = np.array([value for _, value in rows] + [0.0] * len(rows))
-    found, _, rank, _ = np.linalg.lstsq(left, right, rcond=None)
-    if rank < len(gains) or not np.isfinite(found).all():
+    solution, _, rank, _ = np.linalg.lstsq(left, right, rcond=None)
+    if rank < len(gains) or not np.isfinite(solution).all():
         raise Unreachable("no gains put poles there")
     digits = digits_for(poles)
     values: dict[str, Any] = {
-        name: as_printed(float(g), digits) for name, g in zip(gains, found, strict=True)
+        name: as_printed(float(g), digits) for name, g in zip(gains, solution, strict=True)
     }
     return law(**settings, **values)
 
@@ -99,14 +99,14 @@ def match_poles(
     """
     nominal = motor.gain.value, motor.time_constant.value, motor.delay
     with np.errstate(divide="ignore"):
-        found = (
+        loop_poles = (
             np.log(open_loop(controller, *nominal, sample_time).closed_poles().astype(complex)) / sample_time
         )
     for pole in cancelled:
-        nearest = int(np.argmin(np.abs(found - pole)))
-        if abs(found[nearest] - pole) <= _CANCELLED * abs(pole):
-            found = np.delete(found, nearest)
-    slowest = sorted(found.tolist(), key=lambda s: -s.real)[: len(wished)]
+        nearest = int(np.argmin(np.abs(loop_poles - pole)))
+        if abs(loop_poles[nearest] - pole) <= _CANCELLED * abs(pole):
+            loop_poles = np.delete(loop_poles, nearest)
+    slowest = sorted(loop_poles.tolist(), key=lambda s: -s.real)[: len(wished)]
     orders = [
         [Pole(wished=w, obtained=s) for w, s in zip(wished, order, strict=True)]
         for order in permutations(slowest)

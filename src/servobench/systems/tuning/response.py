@@ -140,11 +140,11 @@ def step_response(
     ticks = max(ticks_of(motor, sample_time, crossover), settled)
     centre = (motor.gain.value, motor.time_constant.value, motor.delay)
     motors = [centre, *map(tuple, motor.draws(_DRAWS).tolist())]
-    found = [unit_step(controller, k, tau, d, sample_time, ticks) for k, tau, d in motors]
-    rows = np.array([(each.overshoot, each.rise_time) for each in found])
+    responses = [unit_step(controller, k, tau, d, sample_time, ticks) for k, tau, d in motors]
+    rows = np.array([(each.overshoot, each.rise_time) for each in responses])
     low, high = np.quantile(rows[1:], (0.025, 0.975), axis=0)
     values = {
         name: LoopValue(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
         for n, (name, unit) in enumerate({"overshoot": "1", "rise_time": "s"}.items())
     }
-    return values, found[0].peak
+    return values, responses[0].peak

@@ -235,18 +235,20 @@ def _is_feasible(finder: Method, motor: FirstOrderMotor, wish: Wish) -> bool:
         if _beyond_the_ticks(finder, wish):
             return False
         check_sample_time(finder.poles(wish), motor, wish.sample_time)
-        found = finder(motor, wish)
-        nominal = nominal_margins(found, motor, wish.sample_time)
+        controller = finder(motor, wish)
+        nominal = nominal_margins(controller, motor, wish.sample_time)
         ticks_of(motor, wish.sample_time, nominal["gain_crossover"])
     except UsageError:
         return False
-    if _too_fast(found, motor, wish, nominal) or _off(found, wish, _poles(finder, found, motor, wish)):
+    if _too_fast(controller, motor, wish, nominal) or _off(
+        controller, wish, _poles(finder, controller, motor, wish)
+    ):
         return False
-    if wish.step is not None and _too_high(found, wish, _peak(found, motor, wish, nominal)):
+    if wish.step is not None and _too_high(controller, wish, _peak(controller, motor, wish, nominal)):
         return False
     # The intervals cost hundreds of times more: only where neither the estimate nor some of the draws are too fast.
     return not any(
-        _too_fast(found, motor, wish, margins(found, motor, wish.sample_time))
+        _too_fast(controller, motor, wish, margins(controller, motor, wish.sample_time))
         for margins in (least_margins, loop_margins)
     )
 
@@ -266,18 +268,18 @@ def _findings(
     peak: float,
     finder: Method,
 ) -> list[Finding]:
-    found = []
+    findings = []
     if motor.doubtful:
-        found.append(
+        findings.append(
             warning(
                 "motor-doubtful",
                 "The motor's result is doubtful, and so are these gains; see its findings first.",
             )
         )
-    found += [warning("motor-not-known", caution) for caution in motor.cautions]
+    findings += [warning("motor-not-known", caution) for caution in motor.cautions]
     low = margins["phase_margin"].interval[0]
     if low < GOOD_PHASE:
-        found.append(
+        findings.append(
             warning(
                 "margin-small",
                 f"The phase margin may be as low as {math.degrees(low):.0f}°, and {math.degrees(GOOD_PHASE):.0f}° "
@@ -287,7 +289,7 @@ def _findings(
     gain, coulomb = _stiffness(controller), motor.coulomb_voltage
     if gain and coulomb is not None and coulomb.value > 0:
         unit = controller.reference_unit
-        found.append(
+        findings.append(
             info(
                 "friction-leaves-error",
                 f"Without an integral part, Coulomb friction of {coulomb.value:.2g} V can hold the shaft up to "
@@ -295,7 +297,7 @@ def _findings(
             )
         )
     for pole in finder.poles_cancelled(motor, wish):
-        found.append(
+        findings.append(
             info(
                 "pole-cancelled",
                 f"The motor's own pole at {pole.real:.3g} 1/s is cancelled: it doesn't appear in the response to "
@@ -303,14 +305,14 @@ def _findings(
             )
         )
     if wish.step is None:
-        found.append(
+        findings.append(
             info(
                 "largest-step",
                 f"A step of more than {wish.voltage_limit / peak:.3g} {controller.reference_unit} needs more than "
                 f"{wish.voltage_limit:g} V, so the response is slower than the model's.",
             )
         )
-    return found
+    return findings
 
 
 def _stiffness(controller: Tunable) -> float:

@@ -32,8 +32,8 @@ def noise_free_inputs(
     for record, measured in zip(driven, data, strict=True):
         own, shared = _columns(loop, theta, record)
         blocks.append((own, shared, measured.u))
-    found, private, cost = least_squares(blocks)
-    inputs = [own @ x + shared @ found for (own, shared, _), x in zip(blocks, private, strict=True)]
+    coefficients, private, cost = least_squares(blocks)
+    inputs = [own @ x + shared @ coefficients for (own, shared, _), x in zip(blocks, private, strict=True)]
     total = sum(float(np.sum((record.u - record.u.mean()) ** 2)) for record in data)
     return inputs, 1.0 - cost / total if total > 0 else 0.0
 

@@ -26,9 +26,9 @@ def autoregression(residuals: Sequence[Array]) -> tuple[Array, float]:
     for p in range(1, most + 1):
         phi = np.linalg.lstsq(h[:p, :p], g[:p], rcond=None)[0]
         variance = (power - float(phi @ g[:p])) / len(now)
-        found = len(now) * np.log(variance) + p * np.log(len(now)) if variance > 0 else np.inf
-        if found < criterion:
-            best, criterion = (phi, variance), found
+        schwarz_criterion = len(now) * np.log(variance) + p * np.log(len(now)) if variance > 0 else np.inf
+        if schwarz_criterion < criterion:
+            best, criterion = (phi, variance), schwarz_criterion
     return best
 
 

@@ -40,25 +40,25 @@ class NoiseProfile:
         )
 
 
-def profile_noise(found: Optimum, floor: float) -> NoiseProfile:
+def profile_noise(optimum: Optimum, floor: float) -> NoiseProfile:
     """The likelihood of s, adjusted for the fitted parameters and computed on a grid around the maximum.
 
     ln |J'hJ| is what makes the likelihood of s that of the data alone, after the parameters: -2 ln L + ln |J'hJ|, as
     parameters and s have no common information (Cox and Reid 1987). Without it s comes out too small.
     """
-    point = found.point
+    point = optimum.point
     sd = float(np.clip(point.curvature**-0.5 if point.curvature > 0 else 1.0, 0.01, 1.0))
     freedom = np.count_nonzero(np.diag(point.information))
     # |J'hJ| falls by at least s^-1 for each parameter: that much the adjusted maximum lies above this one.
     middle = np.log(point.s) + 0.5 * freedom * sd**2
     levels = np.unique(np.maximum(middle + sd * _TRIALS, np.log(floor)))
-    trials = [found.near.climb(found.near.at(point.change, float(np.exp(level)))) for level in levels]
+    trials = [optimum.near.climb(optimum.near.at(point.change, float(np.exp(level)))) for level in levels]
     deviances = np.array([trial.deviance for trial in trials])
     weights = np.exp(-0.5 * (deviances - deviances.min()))
     weights /= weights.sum()
     mean = float(weights @ levels)
     spread = float(np.sqrt(weights @ (levels - mean) ** 2))
-    best = found.near.climb(found.near.at(point.change, float(np.exp(mean))))
+    best = optimum.near.climb(optimum.near.at(point.change, float(np.exp(mean))))
     return NoiseProfile(
         best=best,
         interval=(float(np.exp(mean - TWO_SIDED * spread)), float(np.exp(mean + TWO_SIDED * spread))),

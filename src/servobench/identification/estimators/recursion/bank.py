@@ -88,13 +88,13 @@ class Bank:
     def likeliest(self, free: NDArray[np.bool_]) -> Likeliest | None:
         """Return what the filters make of the `free` (7,) parameters; None where there are too few blocks to say anything."""
         for n in range(len(self.sizes)):
-            found = self._of_blocks(n, free)
-            if found is None:
+            answer = self._of_blocks(n, free)
+            if answer is None:
                 return None
-            memory = (self.sample_time / self.ratio[found.filter]) ** 0.25
+            memory = (self.sample_time / self.ratio[answer.filter]) ** 0.25
             if memory >= _FINER * self.sizes[n] * self.sample_time:
-                return found
-        return found
+                return answer
+        return answer
 
     def _of_blocks(self, n: int, free: NDArray[np.bool_]) -> Likeliest | None:
         """The same for one length of blocks."""
@@ -135,9 +135,9 @@ class Bank:
         That is H⁻¹ (S'S + white) H⁻¹ of output error; see `encoder_rounding`.
         """
         inverse, _ = _inverses(full(self.products[0])[np.ix_(informed, informed)][None])
-        found = shares()
-        moved_by = quantum * np.sqrt(np.repeat(found, 2))[:, None] * self.sines[:, informed] @ inverse[0]
-        white = quantum**2 * (1 / 12 - float(found.sum()))
+        powers = shares()
+        moved_by = quantum * np.sqrt(np.repeat(powers, 2))[:, None] * self.sines[:, informed] @ inverse[0]
+        white = quantum**2 * (1 / 12 - float(powers.sum()))
         return _in_place(moved_by.T @ moved_by + white * inverse[0], informed)
 
     def _coarser(self, best: int, n: int, change: Array) -> dict[str, Any]:

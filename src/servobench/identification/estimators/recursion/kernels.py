@@ -202,7 +202,7 @@ def stream(
     once. Returns how many inputs have acted, and how many innovations there are.
     """
     row, one = np.empty(WIDTH), np.empty(WIDTH)
-    k, found = 0, 0
+    k, count = 0, 0
     before = t[0]
     for m in range(len(t)):
         k, w = advance(t[m], x, motor, reference, friction, t_in, u, k, row)
@@ -226,8 +226,8 @@ def stream(
                     speed[first:last], products[first:last], logarithms[first:last], here, one,
                 )  # fmt: skip
                 if here >= 0 and complete:
-                    innovations[found] = one
-                    found += 1
+                    innovations[count] = one
+                    count += 1
             blocks[b, SAMPLES] += 1.0
             blocks[b, TIMES] += t[m]
             blocks[b, SLIDES] = slides
@@ -239,7 +239,7 @@ def stream(
                     speed[first:last], products[first:last], logarithms[first:last], here, one,
                 )  # fmt: skip
                 if here >= 0 and complete:
-                    innovations[found] = one
-                    found += 1
+                    innovations[count] = one
+                    count += 1
         before = t[m]
-    return k, found
+    return k, count

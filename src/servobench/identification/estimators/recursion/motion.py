@@ -140,13 +140,13 @@ class Motion:
     def _follow(self, samples: Samples, begun: int, until: int, change: Array, residual: Array) -> Samples:
         """Take the samples from `begun` to `until`; returns the samples with the inputs that haven't acted yet."""
         b, here = self.bank, slice(begun, until)
-        found = np.empty((2 * (until - begun) + 1, COLUMNS + 1))
+        innovations = np.empty((2 * (until - begun) + 1, COLUMNS + 1))
         acted, count = kernels.stream(
             samples.t[here], samples.y[here], samples.t_in, samples.u, self.piece, self.motor, self.reference,
             self.friction, 1.5 * b.sample_time, self.rest, b.sizes, b.filters, b.blocks, b.totals, b.ratio, b.p, b.angle, b.speed,
-            b.products, b.logarithms, self.quantum, b.sines, self.senses, self.shown, change, residual[here], found,
+            b.products, b.logarithms, self.quantum, b.sines, self.senses, self.shown, change, residual[here], innovations,
         )  # fmt: skip
-        self.recent = np.concatenate([self.recent, found[:count]])[-_RECENT:]
+        self.recent = np.concatenate([self.recent, innovations[:count]])[-_RECENT:]
         self.residuals = np.concatenate([self.residuals, residual[here]])[-_RECENT:]
         return Samples(t=samples.t, y=samples.y, t_in=samples.t_in[acted:], u=samples.u[acted:])
 
@@ -180,30 +180,30 @@ class Motion:
         The scatter of the scores between stretches holds whatever colour is shorter than they are (Liang and Zeger 1986).
         None where the data are too few.
         """
-        found = self.bank.likeliest(free)
-        if found is None:
+        answer = self.bank.likeliest(free)
+        if answer is None:
             return None
         # Another level may be likeliest because the motor has changed: who watches for that stays with the old one.
         if not len(self.recent):
-            self.shown = found.watched
-        found = replace(found, watched_variance=self.bank.residual_after(self.shown, found.change))
-        at = found.informed
-        if found.calm and self.quantum:
+            self.shown = answer.watched
+        answer = replace(answer, watched_variance=self.bank.residual_after(self.shown, answer.change))
+        at = answer.informed
+        if answer.calm and self.quantum:
             exact = self.bank.by_rounding(self.quantum, at)
-            found = replace(found, covariance=_wider(found.covariance, exact, at))
-        sums = full(np.diff(np.array([one[found.filter] for one in self.stretches]), axis=0))
+            answer = replace(answer, covariance=_wider(answer.covariance, exact, at))
+        sums = full(np.diff(np.array([one[answer.filter] for one in self.stretches]), axis=0))
         count = len(sums)
         if count < _ENOUGH * len(at):
-            return found
-        scores = sums[:, :-1, -1] - sums[:, :-1, :-1] @ found.change
+            return answer
+        scores = sums[:, :-1, -1] - sums[:, :-1, :-1] @ answer.change
         meat = scores.T @ scores * (count / (count - len(at)))
-        robust = found.inverse @ meat @ found.inverse
-        return replace(found, covariance=_wider(found.covariance, robust, at))
+        robust = answer.inverse @ meat @ answer.inverse
+        return replace(answer, covariance=_wider(answer.covariance, robust, at))
 
-    def watch(self, found: Likeliest) -> None:
+    def watch(self, likeliest: Likeliest) -> None:
         """Watch the innovations at the noise level that is likeliest now, if it is another one than before."""
-        if self.bank.apart(found.watched, self.shown) > _NEAR:
-            self.shown, self.recent = found.watched, self.recent[:0]
+        if self.bank.apart(likeliest.watched, self.shown) > _NEAR:
+            self.shown, self.recent = likeliest.watched, self.recent[:0]
 
     def shift(self, change: Array) -> None:
         """Move the reference by a change (7,), with all that was seen, and the motor where it is now, to first order."""
@@ -229,7 +229,9 @@ def _wider(first: Array, second: Array, at: NDArray[np.int64]) -> Array:
     return out
 
 
-def possible(change: Array, found: Likeliest, reference: Array, sample_time: float, is_brake: bool) -> Array:
+def possible(
+    change: Array, likeliest: Likeliest, reference: Array, sample_time: float, is_brake: bool
+) -> Array:
     """Return a change (7,) that leads to parameters that can be: τ > 0, d at most two samples early, a friction that brakes.
 
     The reference (7,) is that of a `Motion`, in SI units, the samples are `sample_time` [s] apart.
@@ -238,9 +240,9 @@ def possible(change: Array, found: Likeliest, reference: Array, sample_time: flo
     """
     out = change.copy()
     at = COULOMB
-    if is_brake and found.covariance[at, at] > 0 and reference[at] + out[at] < 0:
+    if is_brake and likeliest.covariance[at, at] > 0 and reference[at] + out[at] < 0:
         away = -reference[at] - out[at]
-        out += found.covariance[:, at] / found.covariance[at, at] * away
+        out += likeliest.covariance[:, at] / likeliest.covariance[at, at] * away
         out[at] = -reference[at]
     out[1] = max(out[1], -0.5 * reference[1])
     out[DELAY] = max(out[DELAY], -2 * sample_time - reference[DELAY])

@@ -154,17 +154,17 @@ def run_through(
         motion = Motion.initial(reference, friction, setting.sample_time, rest, shown, setting.quantum or 0.0)
         motion.take(samples, setting.input_before, np.zeros(COLUMNS))
         free, is_brake = setting.unknowns(motion)
-        found = motion.answer(free)
-        if found is None:
+        answer = motion.answer(free)
+        if answer is None:
             return None
-        motion.watch(found)
-        sd = np.sqrt(np.diag(found.covariance))
+        motion.watch(answer)
+        sd = np.sqrt(np.diag(answer.covariance))
         if not np.isfinite(sd).all() or (sd[:2] > _KNOWN * np.abs(reference[:2])).any():
-            return Uninformed(reference=reference, covariance=found.covariance)
-        change = possible(found.change, found, reference, setting.sample_time, is_brake)
+            return Uninformed(reference=reference, covariance=answer.covariance)
+        change = possible(answer.change, answer, reference, setting.sample_time, is_brake)
         if known is not None and np.all(np.abs(change) <= SETTLED * sd):
             return motion
         reference, known = reference + change, motion
         if setting.quantum:
-            motion.rest = max(setting.quantum**2 / 12 / found.variance, 1.0)
+            motion.rest = max(setting.quantum**2 / 12 / answer.variance, 1.0)
     return None

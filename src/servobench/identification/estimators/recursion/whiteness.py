@@ -16,7 +16,7 @@ _IN_PLACE = 0.9  # of the counts: where so many are where the model puts them, t
 
 
 def is_white(
-    recent: Array, residuals: Array, found: Likeliest, quantum: float | None, together: int
+    recent: Array, residuals: Array, likeliest: Likeliest, quantum: float | None, together: int
 ) -> bool | None:
     """Return whether the last innovations leave nothing to explain; None where there are too few to say.
 
@@ -32,7 +32,7 @@ def is_white(
         return None
     if quantum and np.mean(np.abs(residuals) <= 0.5 * quantum) >= _IN_PLACE:
         return True
-    e = (recent[:, -1] - recent[:, :-1] @ found.change) / np.sqrt(found.watched_variance)
+    e = (recent[:, -1] - recent[:, :-1] @ likeliest.change) / np.sqrt(likeliest.watched_variance)
     # A change long ago is in many innovations, one just now in the last few.
     scores = [_score_statistic(recent[-last:, :-1], e[-last:]) for last in (len(e), _FEWEST, 2 * _FEWEST)]
     whole = len(e) // together

@@ -35,9 +35,13 @@ class DetectionLines:
         return float(np.sqrt(max(np.mean(self.amplitude[which] ** 2 - self.noise[which] ** 2), 0.0)))
 
 
-def detection_lines(found: Sequence[Local]) -> DetectionLines | None:
+def detection_lines(locals_of_stretches: Sequence[Local]) -> DetectionLines | None:
     """Return the detection lines of all stretches that repeat, ascending; None where there are none."""
-    parts = [_of(local) for local in found if len(local.stretch.detection) and local.stretch.cycles > 1]
+    parts = [
+        _of(local)
+        for local in locals_of_stretches
+        if len(local.stretch.detection) and local.stretch.cycles > 1
+    ]
     if not parts:
         return None
     omega, amplitude, noise, odd = (np.concatenate(column) for column in zip(*parts, strict=True))

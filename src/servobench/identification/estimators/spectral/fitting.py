@@ -184,14 +184,14 @@ def _fit_once(structure: Structure, data: Sequence[Dataset], points: Points, the
     lower, upper = structure.bounds(data)
     theta, cost, converged = _search(problem, np.clip(theta, lower, upper), widths, (lower, upper))
     j = problem.jacobian(theta, widths)
-    seen = np.asarray(np.abs(j).max(axis=0) * widths > 1e-12, dtype=np.bool_)
-    freedom = 2 * points.count - int(seen.sum())
+    visible = np.asarray(np.abs(j).max(axis=0) * widths > 1e-12, dtype=np.bool_)
+    freedom = 2 * points.count - int(visible.sum())
     if (
         freedom < 0
-        or np.linalg.matrix_rank(j[:, seen] / np.abs(j[:, seen]).max(axis=0), tol=1e-9) < seen.sum()
+        or np.linalg.matrix_rank(j[:, visible] / np.abs(j[:, visible]).max(axis=0), tol=1e-9) < visible.sum()
     ):
         raise NotIdentifiable(
-            f"{count_text(points.count, 'point')} of a frequency response can't determine {int(seen.sum())} parameters: "
+            f"{count_text(points.count, 'point')} of a frequency response can't determine {int(visible.sum())} parameters: "
             "record more frequencies"
         )
     misfit = cost / freedom if freedom else 1.0
@@ -199,7 +199,7 @@ def _fit_once(structure: Structure, data: Sequence[Dataset], points: Points, the
         points=points,
         theta=theta,
         covariance=max(misfit, 1.0) * inverse(j.T @ j),
-        seen=seen,
+        seen=visible,
         misfit=misfit,
         freedom=freedom,
         converged=converged,

@@ -94,17 +94,17 @@ def local_fits(stretch: Stretch, shape: TransferFunction) -> Local:
     white = stretch.path.audible
     first = _solve_stretch(stretch, windows, white)
     noise = _noise_level(first, white, np.abs(motion) ** 2 * white)
-    found = _solve_stretch(stretch, windows, noise)
-    scales = _noise_excess(found)
+    solutions = _solve_stretch(stretch, windows, noise)
+    scales = _noise_excess(solutions)
     hidden = _rounding_at_harmonics(stretch, noise, white)
-    known = _blocks(stretch, shape, windows, found, scales, hidden)
+    known = _blocks(stretch, shape, windows, solutions, scales, hidden)
     return Local(
         stretch=stretch,
         blocks=known,
-        left=np.concatenate([solution.left for solution in found]),
-        leverage=np.concatenate([solution.leverage for solution in found]),
+        left=np.concatenate([solution.left for solution in solutions]),
+        leverage=np.concatenate([solution.leverage for solution in solutions]),
         noise=noise * np.repeat(scales, [len(window.at) for window in windows]) + hidden,
-        unknown=sum(len(solution.ratio) for solution in found) - sum(len(block.ratio) for block in known),
+        unknown=sum(len(solution.ratio) for solution in solutions) - sum(len(block.ratio) for block in known),
     )
 
 
@@ -216,14 +216,14 @@ def _solve(window: _Window, y: Complex, noise: Array) -> _Solution:
     )  # fmt: skip
 
 
-def _noise_level(found: Sequence[_Solution], white: Array, driven: Array) -> Array:
+def _noise_level(solutions: Sequence[_Solution], white: Array, driven: Array) -> Array:
     """The power of the noise (K,), r · white + q · driven: noise of the sensor, and a random torque, which moves the motor.
 
     Their ratio is the likeliest of some for the residuals, whose powers are exponentially distributed about their expectation.
     """
-    left = np.concatenate([s.left for s in found])
-    free = np.concatenate([1.0 - s.leverage for s in found])
-    use = np.concatenate([s.used for s in found]) & (free > 0.1)
+    left = np.concatenate([s.left for s in solutions])
+    free = np.concatenate([1.0 - s.leverage for s in solutions])
+    use = np.concatenate([s.used for s in solutions]) & (free > 0.1)
     power = np.abs(left[use]) ** 2 / free[use]
     white = white / white[use].mean()
     driven = driven / driven[use].mean()
@@ -237,18 +237,18 @@ def _noise_level(found: Sequence[_Solution], white: Array, driven: Array) -> Arr
     return np.maximum(level, 1e-300)
 
 
-def _noise_excess(found: Sequence[_Solution]) -> Array:
+def _noise_excess(solutions: Sequence[_Solution]) -> Array:
     """The noise around each window over the noise supposed, over as many windows as it takes to know that well."""
-    freedom = np.array([s.freedom for s in found])
-    power = np.array([s.power for s in found])
-    scales = np.empty(len(found))
+    freedom = np.array([s.freedom for s in solutions])
+    power = np.array([s.power for s in solutions])
+    scales = np.empty(len(solutions))
     sums = np.concatenate([[0.0], np.cumsum(freedom)]), np.concatenate([[0.0], np.cumsum(power)])
-    for n in range(len(found)):
+    for n in range(len(solutions)):
         reach = 0
         low, high = n, n + 1
-        while sums[0][high] - sums[0][low] < _POOL and (low > 0 or high < len(found)):
+        while sums[0][high] - sums[0][low] < _POOL and (low > 0 or high < len(solutions)):
             reach += 1
-            low, high = max(n - reach, 0), min(n + reach + 1, len(found))
+            low, high = max(n - reach, 0), min(n + reach + 1, len(solutions))
         scales[n] = (sums[1][high] - sums[1][low]) / max(sums[0][high] - sums[0][low], 1e-300)
     return np.maximum(scales, 1e-300)
 
@@ -262,8 +262,8 @@ def _rounding_at_harmonics(stretch: Stretch, noise: Array, white: Array) -> Arra
     quantum = stretch.data.quantum
     if quantum is None or stretch.cycles < 2:
         return np.zeros(len(noise))
-    seen = float(np.mean(noise / white))
-    return np.asarray(white * max(quantum**2 / 12 - seen, 0.0) * stretch.cycles, dtype=np.float64)
+    level = float(np.mean(noise / white))
+    return np.asarray(white * max(quantum**2 / 12 - level, 0.0) * stretch.cycles, dtype=np.float64)
 
 
 def _points(stretch: Stretch, window: _Window, count: int) -> tuple[Array, Array]:
@@ -282,20 +282,20 @@ def _blocks(
     stretch: Stretch,
     shape: TransferFunction,
     windows: Sequence[_Window],
-    found: Sequence[_Solution],
+    solutions: Sequence[_Solution],
     scales: Array,
     hidden: Array,
 ) -> tuple[Block, ...]:
     """The points of all windows that have some."""
-    some = [n for n, solution in enumerate(found) if len(solution.ratio)]
+    some = [n for n, solution in enumerate(solutions) if len(solution.ratio)]
     if not some:
         return ()
-    points = [_points(stretch, windows[n], len(found[n].ratio)) for n in some]
+    points = [_points(stretch, windows[n], len(solutions[n].ratio)) for n in some]
     # The model at the points of all windows at once: what it takes to prepare is the same for each.
     path = replace(stretch.path, omega=np.concatenate([omega for omega, _ in points]))
     models = np.split(path.full(shape), np.cumsum([len(omega) for omega, _ in points])[:-1])
     blocks = [
-        _block(stretch, windows[n], found[n], float(scales[n]), hidden, omega, basis, model)
+        _block(stretch, windows[n], solutions[n], float(scales[n]), hidden, omega, basis, model)
         for n, (omega, basis), model in zip(some, points, models, strict=True)
     ]
     return tuple(block for block in blocks if block is not None)
@@ -304,7 +304,7 @@ def _blocks(
 def _block(
     stretch: Stretch,
     window: _Window,
-    found: _Solution,
+    solution: _Solution,
     scale: float,
     hidden: Array,
     omega: Array,
@@ -318,11 +318,11 @@ def _block(
     at = window.at[near]
     driven = np.abs(model * stretch.input[at]) ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
-        covariance = scale * (basis @ found.covariance @ basis.T) + np.diag(hidden[at] / driven)
+        covariance = scale * (basis @ solution.covariance @ basis.T) + np.diag(hidden[at] / driven)
         known = np.flatnonzero(0.5 * np.diag(covariance).real < _KNOWN**2)
     if not len(known):
         return None
-    ratio = basis @ found.ratio
+    ratio = basis @ solution.ratio
     made = np.abs(ratio) ** 2 * _power_of_input(stretch, window, np.abs(model) ** 2, at)
     return Block(
         path=replace(stretch.path, omega=omega[known]),
@@ -330,7 +330,7 @@ def _block(
         covariance=covariance[np.ix_(known, known)],
         model=model[known],
         input=stretch.input[at[known]],
-        coherence=(made / (made + scale * found.noise[near] + hidden[at]))[known],
+        coherence=(made / (made + scale * solution.noise[near] + hidden[at]))[known],
         width=float(stretch.path.omega[0] * (1 if stretch.separate else len(window.at))),
     )
 

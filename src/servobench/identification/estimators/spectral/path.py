@@ -186,9 +186,9 @@ def _until_decayed(answer: Callable[[Array], Array | None], sample_time: float) 
     """An answer at times from 0 on, as long as it takes for it to vanish."""
     count = 64
     while count <= _LONGEST:
-        found = np.asarray(answer(_times(count, sample_time)), dtype=np.float64)
-        if np.abs(found[-count // 4 :]).max() <= _DECAYED * np.abs(found).max():
-            return found
+        response = np.asarray(answer(_times(count, sample_time)), dtype=np.float64)
+        if np.abs(response[-count // 4 :]).max() <= _DECAYED * np.abs(response).max():
+            return response
         count *= 4
     raise UsageError(
         f"a stage of the chain still responds after {_LONGEST} samples: its frequency response can't be divided out"

@@ -101,10 +101,10 @@ def frequency_response(data: Dataset | Sequence[Dataset], near: str = "first_ord
     return response_of(records, points_near(STRUCTURES[near], records))
 
 
-def response_of(records: Sequence[Dataset], found: Points) -> FrequencyResponse:
+def response_of(records: Sequence[Dataset], lines: Points) -> FrequencyResponse:
     """Return the frequency response that points of records are."""
     output, first = records[0].kind, records[0]
-    columns = [_points(local, shape, output) for local, shape in zip(found.locals, found.shapes, strict=True)]
+    columns = [_points(local, shape, output) for local, shape in zip(lines.locals, lines.shapes, strict=True)]
     points = average(columns)
     return FrequencyResponse(
         omega=points.omega,
@@ -116,21 +116,21 @@ def response_of(records: Sequence[Dataset], found: Points) -> FrequencyResponse:
         resolution=points.resolution,
         output=output,
         unit=f"{first.position_unit}/{'(s·' if output == 'speed' else ''}{first.input_unit}{')' if output == 'speed' else ''}",
-        left_out=sum(_count_omitted(local) for local in found.locals),
-        detection=detection_lines(found.locals),
-        findings=tuple(remarks(records, found)),
+        left_out=sum(_count_omitted(local) for local in lines.locals),
+        detection=detection_lines(lines.locals),
+        findings=tuple(remarks(records, lines)),
     )
 
 
-def remarks(records: Sequence[Dataset], found: Points) -> list[Finding]:
+def remarks(records: Sequence[Dataset], points: Points) -> list[Finding]:
     """Return what there is to know of the points: frequencies left out, and friction that a linear response can't hold."""
     findings = []
-    left_out = sum(_count_omitted(local) for local in found.locals)
+    left_out = sum(_count_omitted(local) for local in points.locals)
     if left_out:
         findings.append(
             info(
                 "frequencies-left-out",
-                f"The frequency response has {count_text(found.count, 'point')}; {count_text(left_out, 'other')} up to "
+                f"The frequency response has {count_text(points.count, 'point')}; {count_text(left_out, 'other')} up to "
                 "the Nyquist frequency are left out, as the input hardly excites them.",
             )
         )

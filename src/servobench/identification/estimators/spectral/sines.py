@@ -50,13 +50,13 @@ def _single(u: Array) -> float | None:
     peak = step * int(np.argmax(power))
     if peak < 2 * np.pi * _CYCLES / n or _beside(u, peak) > 0.5:
         return None
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda frequency: _beside(u, frequency),
         bounds=(peak - 2 * step, peak + 2 * step),
         method="bounded",
         options={"xatol": 1e-9 / n},
     )
-    return float(found.x) if found.fun <= _PURE else None
+    return float(minimum.x) if minimum.fun <= _PURE else None
 
 
 def _beside(u: Array, frequency: float) -> float:

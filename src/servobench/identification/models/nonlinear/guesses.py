@@ -56,13 +56,13 @@ def guesses_from_motion(structure: FrictionAndGravity, data: Sequence[Dataset]) 
         check_moves(record, len(structure.parameters))
         if structure.gravity:
             _check_angle(record)
-    found = [_best(structure, data, part) for part in (_STRIBECK if structure.stribeck else (1.0,))]
-    found.sort(key=lambda trial: trial[0])
-    if not np.isfinite(found[0][0]):
+    trials = [_best(structure, data, part) for part in (_STRIBECK if structure.stribeck else (1.0,))]
+    trials.sort(key=lambda trial: trial[0])
+    if not np.isfinite(trials[0][0]):
         raise NotIdentifiable(
             "no motor with friction and gravity fits these data; look at them with `servobench inspect`"
         )
-    moving = [vector for cost, vector in found if np.isfinite(cost)]
+    moving = [vector for cost, vector in trials if np.isfinite(cost)]
     if not structure.friction:
         return tuple(moving)
     return tuple(
@@ -183,8 +183,8 @@ def _trial(
         "load_friction": _LOAD,
     }
     _correct_signs(value, gain)
-    found = [np.clip(value[p.name], p.lower, p.upper) for p in structure.parameters]
-    return cost, np.concatenate([found, solution[shared:]])
+    parameters = [np.clip(value[p.name], p.lower, p.upper) for p in structure.parameters]
+    return cost, np.concatenate([parameters, solution[shared:]])
 
 
 def _correct_signs(value: dict[str, float], gain: float) -> None:

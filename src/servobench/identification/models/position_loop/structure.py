@@ -192,9 +192,9 @@ def loop_guesses(structure: PositionLoop, data: Sequence[Dataset]) -> tuple[Arra
         _check(record)
     plain = PositionLoop((LOOP_GAIN, TIME_CONSTANT, GOAL_OFFSET, DELAY))
     few = [_decimate(record) for record in data]
-    found = sorted((_trial(plain, few, point) for point in _points(data)), key=lambda trial: trial[0])
+    trials = sorted((_trial(plain, few, point) for point in _points(data)), key=lambda trial: trial[0])
     guesses = []
-    for _, point, offset, starts in found[:_BEST]:
+    for _, point, offset, starts in trials[:_BEST]:
         for part in _PARTS if structure.friction else (0.0,):
             known = {
                 "loop_gain": point[0],

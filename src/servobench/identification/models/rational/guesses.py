@@ -78,9 +78,9 @@ def best_guesses(structure: Fraction, data: Sequence[Dataset]) -> tuple[Array, .
             "no rational model of this order fits these data; try a lower order, or look at them with `servobench "
             "inspect`"
         )
-    found = sorted((refine(structure, data, start) for start in starts), key=lambda trial: trial.cost)
-    near = [trial for trial in found if found[0].cost * (1 + 1e-6) < trial.cost <= 2 * found[0].cost]
-    return tuple(trial.theta for trial in (found[0], *near[:1]))
+    trials = sorted((refine(structure, data, start) for start in starts), key=lambda trial: trial.cost)
+    near = [trial for trial in trials if trials[0].cost * (1 + 1e-6) < trial.cost <= 2 * trials[0].cost]
+    return tuple(trial.theta for trial in (trials[0], *near[:1]))
 
 
 def refine(structure: Fraction, data: Sequence[Dataset], start: Trial) -> Trial:
@@ -161,13 +161,13 @@ def _pass(
 
 def places(structure: Fraction, data: Sequence[Dataset]) -> list[NDArray[np.int64]]:
     """Return, for each record, where its parameters stand in the joint vector."""
-    found: list[NDArray[np.int64]] = []
+    indices: list[NDArray[np.int64]] = []
     start = len(structure.parameters)
     for record in data:
         own = len(structure.nuisance(record))
-        found.append(np.r_[np.arange(len(structure.parameters)), np.arange(start, start + own)])
+        indices.append(np.r_[np.arange(len(structure.parameters)), np.arange(start, start + own)])
         start += own
-    return found
+    return indices
 
 
 def _bounds(structure: Fraction, data: Sequence[Dataset], size: int) -> tuple[Array, Array]:
@@ -229,9 +229,9 @@ def _regression(structure: Fraction, data: Sequence[Dataset], cutoff: float, del
         highest = record.y - y @ filter_[::-1]
         keep = np.flatnonzero(record.valid)[::thin]
         blocks.append((own[keep], np.hstack([forced, -y[:, ::-1]])[keep], highest[keep]))
-    found, _, _ = least_squares(blocks)
+    coefficients, _, _ = least_squares(blocks)
     theta = np.zeros(shared)
-    theta[:n] = found[m + 1 :]
+    theta[:n] = coefficients[m + 1 :]
     if structure.delayed:
         theta[-1] = delay
     if not np.isfinite(theta).all():
@@ -286,10 +286,10 @@ def least_squares(blocks: Sequence[tuple[Array, Array, Array]]) -> tuple[Array, 
     rest = np.vstack([r[q:, q:] * s[q:] for r, s, q in zip(triangles, scales, owns, strict=True)])
     joint = scales[0][owns[0] : -1]
     scaled = np.linalg.lstsq(rest[:, :-1] / joint, rest[:, -1], rcond=1e-13)[0]
-    found = np.asarray(scaled / joint, dtype=np.float64)
-    cost = float(np.sum((rest[:, -1] - rest[:, :-1] @ found) ** 2))
+    coefficients = np.asarray(scaled / joint, dtype=np.float64)
+    cost = float(np.sum((rest[:, -1] - rest[:, :-1] @ coefficients) ** 2))
     private = []
     for r, s, q in zip(triangles, scales, owns, strict=True):
-        target = r[:q, -1] * s[-1] - r[:q, q:-1] @ (found * s[q:-1])
+        target = r[:q, -1] * s[-1] - r[:q, q:-1] @ (coefficients * s[q:-1])
         private.append(np.linalg.lstsq(r[:q, :q], target, rcond=1e-13)[0] / s[:q])
-    return found, private, cost
+    return coefficients, private, cost

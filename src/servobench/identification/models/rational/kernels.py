@@ -70,38 +70,38 @@ def common(length: Array, resolution: float, often: int, steps: Array, which: ND
     Returns how many there are; `resolution` [s] is what the rounding of the times may make of a length.
     """
     count = np.zeros(len(steps), dtype=np.int64)
-    seen = 0
+    distinct_count = 0
     last = 0
     for e in range(len(length)):
         h = length[e]
         tolerance = _SAME * h + resolution
         which[e] = -1
-        if seen > 0 and abs(h - steps[last]) <= tolerance:
+        if distinct_count > 0 and abs(h - steps[last]) <= tolerance:
             which[e] = last
         else:
-            for d in range(seen):
+            for d in range(distinct_count):
                 if abs(h - steps[d]) <= tolerance:
                     which[e] = d
                     last = d
                     break
-        if which[e] < 0 and seen < len(steps):
-            steps[seen] = h
-            which[e] = seen
-            last = seen
-            seen += 1
+        if which[e] < 0 and distinct_count < len(steps):
+            steps[distinct_count] = h
+            which[e] = distinct_count
+            last = distinct_count
+            distinct_count += 1
         if which[e] >= 0:
             count[which[e]] += 1
     place = np.full(len(steps), -1)
-    kept = 0
-    for d in range(seen):
+    frequent_count = 0
+    for d in range(distinct_count):
         if count[d] >= often:
-            steps[kept] = steps[d]
-            place[d] = kept
-            kept += 1
+            steps[frequent_count] = steps[d]
+            place[d] = frequent_count
+            frequent_count += 1
     for e in range(len(length)):
         if which[e] >= 0:
             which[e] = place[which[e]]
-    return kept
+    return frequent_count
 
 
 @compiled

@@ -60,12 +60,12 @@ def _sort_pieces(
 
     steps, which = np.empty(_SLOTS), np.empty(len(length), dtype=np.int64)
     resolution = 4 * np.finfo(float).eps * float(np.abs(t).max(initial=0.0))
-    found = kernels.common(length, resolution, _SLOTS, steps, which)
+    step_count = kernels.common(length, resolution, _SLOTS, steps, which)
     return Pieces(
         length=length,
         inputs=np.ascontiguousarray(inputs),
         sample=sample,
-        steps=steps[:found],
+        steps=steps[:step_count],
         which=which,
         samples=len(t),
         at_start=at_start,

@@ -114,9 +114,9 @@ class Rational:
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""
-        found = self.lines(theta, data)
+        lines = self.lines(theta, data)
         through = data.chain.linear
-        shaft = self._columns(theta, data, found)
+        shaft = self._columns(theta, data, lines)
         passed = through(np.column_stack([self._output(theta, data, shaft), shaft]), data.t_output)
         filters = data.start_responses
         own = theta[len(self.parameters) + self.start_order(data) + 1 :]
@@ -145,7 +145,7 @@ class Rational:
         """Return what the output at no input adds to the shaft (M,): one, or the time where it is a speed that is integrated."""
         return data.t_output - data.t_output[0] if self.integrates(data) else np.ones(len(data.t_output))
 
-    def _columns(self, theta: Array, data: Dataset, found: Response) -> Array:
+    def _columns(self, theta: Array, data: Dataset, lines: Response) -> Array:
         """The derivatives of the shaft by the parameters, the start states and the output at no input, (M, P + N + 1).
 
         By a_i: -s^(n-i)/A of the output without the part at no input. By d: minus the slope of the forced response, of which the
@@ -153,14 +153,14 @@ class Rational:
         """
         extra = int(self.integrates(data))
         n, m = self.order, self.zeros
-        by_a = -found.twice[:, extra : extra + n][:, ::-1]
-        by_b = found.forced[:, : m + 1][:, ::-1]
-        by_c = found.free[:, : self.start_order(data)][:, ::-1]
+        by_a = -lines.twice[:, extra : extra + n][:, ::-1]
+        by_b = lines.forced[:, : m + 1][:, ::-1]
+        by_c = lines.free[:, : self.start_order(data)][:, ::-1]
         columns = [by_a, by_b, by_c, self.rest_column(data)[:, None]]
         if self.delayed:
-            rising = np.column_stack([found.forced, found.slope])[:, 1 : m + 2]
+            rising = np.column_stack([lines.forced, lines.slope])[:, 1 : m + 2]
             before = self.pieces(theta, data).at_start
-            by_d = (before * found.free[:, : m + 1] - rising) @ theta[n : n + m + 1][::-1]
+            by_d = (before * lines.free[:, : m + 1] - rising) @ theta[n : n + m + 1][::-1]
             columns.insert(2, by_d[:, None])
         return np.hstack(columns)
 

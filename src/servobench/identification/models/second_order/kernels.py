@@ -215,17 +215,17 @@ def hold_shaft(s: Array, p: Array, v: float, h: float) -> None:
     tau, fast = p[TAU], p[FAST]
     both = tau + fast
     winding = electrical(p)
-    kept = math.exp(-h / winding)
+    decay = math.exp(-h / winding)
     away = s[TORQUE, RESPONSE] - (v - p[OFFSET])
     for c in range(COLUMNS):
         s[RATE, c] = 0.0
-        s[TORQUE, c] *= kept
-    s[TORQUE, OFFSET] -= 1.0 - kept
-    longer = away * kept * h / winding**2
+        s[TORQUE, c] *= decay
+    s[TORQUE, OFFSET] -= 1.0 - decay
+    longer = away * decay * h / winding**2
     s[TORQUE, TAU] += longer * (fast / both) ** 2
     s[TORQUE, FAST] += longer * (tau / both) ** 2
     s[RATE, RESPONSE] = 0.0
-    s[TORQUE, RESPONSE] = v - p[OFFSET] + away * kept
+    s[TORQUE, RESPONSE] = v - p[OFFSET] + away * decay
 
 
 @compiled

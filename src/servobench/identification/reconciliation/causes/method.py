@@ -48,20 +48,20 @@ class Method:
     def effect(self, question: Question, size: float) -> Array:
         """The reading over the figures of the data."""
         reading = _others(question)[round(size)]
-        given = {
+        shifts = {
             name: log(getattr(reading, name) / question.before[name])
             for name in question.names
             if name in ("gain", "time_constant")
         }
-        return question.shift(**given)
+        return question.shift(**shifts)
 
     def size_text(self, question: Question, size: float) -> str:
         """Its name in words."""
         reading = _others(question)[round(size)]
         # The values that the question is about.
         units = {"gain": question.fit["gain"].unit, "time_constant": "s"}
-        given = [with_unit(getattr(reading, name), units[name]) for name in question.names if name in units]
-        return f"{SPOKEN[reading.method]}, which gives {' and '.join(given)}"
+        figures = [with_unit(getattr(reading, name), units[name]) for name in question.names if name in units]
+        return f"{SPOKEN[reading.method]}, which gives {' and '.join(figures)}"
 
     def amount(self, question: Question, size: float) -> str:
         """The same."""

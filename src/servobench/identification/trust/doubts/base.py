@@ -50,15 +50,15 @@ DOUBTS: Registry[Doubt] = Registry("doubt", "servobench.identification.trust.dou
 
 def about_data(records: Sequence[Dataset], nominal: MotorParameters | None = None) -> list[Finding]:
     """Return what can be said of the data before any fit, beside `nominal` parameters where there are any."""
-    found = [finding for doubt in DOUBTS for finding in doubt.about_data(records)]
+    findings = [finding for doubt in DOUBTS for finding in doubt.about_data(records)]
     if nominal is not None:
-        found += [finding for doubt in DOUBTS for finding in doubt.beside_nominal(records, nominal)]
-    return found
+        findings += [finding for doubt in DOUBTS for finding in doubt.beside_nominal(records, nominal)]
+    return findings
 
 
 def about_fit(fit: Fit, nominal: MotorParameters | None = None) -> list[Finding]:
     """Return what the estimates themselves give to think, and what they do beside `nominal` parameters where there are any."""
-    found = [finding for doubt in DOUBTS for finding in doubt.about_fit(fit)]
+    findings = [finding for doubt in DOUBTS for finding in doubt.about_fit(fit)]
     if nominal is not None:
-        found += [finding for doubt in DOUBTS for finding in doubt.about_nominal(fit, nominal)]
-    return found
+        findings += [finding for doubt in DOUBTS for finding in doubt.about_nominal(fit, nominal)]
+    return findings

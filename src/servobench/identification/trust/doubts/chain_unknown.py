@@ -43,9 +43,9 @@ def _of_each(records: Sequence[Dataset]) -> list[Finding]:
 
 def _chain_unknown(data: Dataset) -> list[Finding]:
     """Whether a speed comes without word of how it was measured."""
-    found = []
+    findings = []
     if is_unknown(data):
-        found.append(
+        findings.append(
             info(
                 "chain-unknown",
                 f"{data.name}: it isn't known how this speed was measured, so the time constant "
@@ -55,7 +55,7 @@ def _chain_unknown(data: Dataset) -> list[Finding]:
                 parameters=("time_constant", "delay"),
             )
         )
-    return found
+    return findings
 
 
 DOUBTS.member("chain_unknown")(Doubt(codes=("chain-unknown",), about_data=_of_each))

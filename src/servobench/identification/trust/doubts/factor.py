@@ -75,10 +75,10 @@ def _beside_nominal(records: Sequence[Dataset], nominal: MotorParameters) -> lis
     It needs no gain: one level, or a file that no model can be fitted to, shows it as well.
     """
     for data in records:
-        seen = _beside_back_emf(data, nominal)
-        ratio = float(np.median(seen)) if len(seen) >= _SAMPLES else 1.0
+        ratios = _beside_back_emf(data, nominal)
+        ratio = float(np.median(ratios)) if len(ratios) >= _SAMPLES else 1.0
         factor = _usual(ratio) if ratio > 0 else None
-        low, high = np.percentile(seen, [25, 75]) if len(seen) else (0.0, 0.0)
+        low, high = np.percentile(ratios, [25, 75]) if len(ratios) else (0.0, 0.0)
         if factor is None or not high - low < _NEAR * ratio:
             continue
         sentence = (

@@ -16,8 +16,8 @@ def _about(fit: Fit) -> Sequence[Finding]:
     """A finding on the input of a plain motor's fit; a structure of the loop itself knows what it is."""
     if fit.structure.startswith("position_loop"):
         return ()
-    found = [goal_finding(record.data) for record in fit.records]
-    return [finding for finding in found if finding is not None] or _of_a_loop(fit)
+    findings = [goal_finding(record.data) for record in fit.records]
+    return [finding for finding in findings if finding is not None] or _of_a_loop(fit)
 
 
 def _of_a_loop(fit: Fit) -> list[Finding]:

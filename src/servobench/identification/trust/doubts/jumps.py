@@ -54,11 +54,11 @@ def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
     off = np.abs(speed[2:-2] - usual) * step[2:-2]
     differ = range_of_four * step[2:-2]
     limit = max(_LARGE * float(np.percentile(off, 99)), _QUANTA * quantum)
-    found = np.flatnonzero((off > limit) & (off > 2.0 * differ)) + 2
-    top = float(np.abs(np.delete(speed, found)).max(initial=0.0))
-    twitches = (usual[found - 2] == 0.0) & (np.abs(speed[found]) <= top)
-    found = found[~twitches]
-    return found if len(found) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
+    indices = np.flatnonzero((off > limit) & (off > 2.0 * differ)) + 2
+    top = float(np.abs(np.delete(speed, indices)).max(initial=0.0))
+    twitches = (usual[indices - 2] == 0.0) & (np.abs(speed[indices]) <= top)
+    indices = indices[~twitches]
+    return indices if len(indices) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
 
 
 def _middle_and_range(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:

@@ -69,7 +69,7 @@ def _percent_explained(data: Dataset, wanted: float) -> float:
 
     Where no guess comes near the `wanted` part, none is refined: a search that ends far below would take long.
     """
-    found, total = [0.0], float(np.sum((data.y - data.y.mean()) ** 2))
+    percentages, total = [0.0], float(np.sum((data.y - data.y.mean()) ** 2))
     for name in ("first_order_coulomb", "first_order_one_way"):
         structure = STRUCTURES[name]
         layout = Layout(structure, (data,))
@@ -81,8 +81,8 @@ def _percent_explained(data: Dataset, wanted: float) -> float:
         if explained >= 100 - _NEAR * (100 - wanted):
             best = with_usual_sign(structure, [data], lowest(structure, [data], guesses))
             explained = percent_explained(best.cost, total)
-        found.append(explained)
-    return max(found)
+        percentages.append(explained)
+    return max(percentages)
 
 
 DOUBTS.member("kind")(Doubt(codes=("kind-mistaken",), about_fit=_about_fit))

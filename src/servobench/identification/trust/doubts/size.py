@@ -22,10 +22,10 @@ _SLOWEST = 30.0  # s: a time constant of half a minute is a flywheel's
 
 
 def _about_data(records: Sequence[Dataset]) -> list[Finding]:
-    found = []
+    findings = []
     for data in records:
-        found += [*_input_size(data), *_speed(data)]
-    return found[:2]
+        findings += [*_input_size(data), *_speed(data)]
+    return findings[:2]
 
 
 def _input_size(data: Dataset) -> list[Finding]:

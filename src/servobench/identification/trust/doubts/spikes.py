@@ -46,9 +46,9 @@ def spikes(y: Array, quantum: float) -> NDArray[np.int64]:
     off = y[1:-1] - 0.5 * (y[2:] + y[:-2])
     limit = _LARGE * max(float(np.percentile(np.abs(off), 98)), 0.5 * quantum)
     beyond = (y[1:-1] - y[2:]) * (y[1:-1] - y[:-2]) > 0
-    found = np.flatnonzero((np.abs(off) > limit) & beyond) + 1
-    found = np.array([k for k in found.tolist() if _goes_on(y, k)], dtype=np.int64)
-    return found if len(found) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
+    indices = np.flatnonzero((np.abs(off) > limit) & beyond) + 1
+    indices = np.array([k for k in indices.tolist() if _goes_on(y, k)], dtype=np.int64)
+    return indices if len(indices) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
 
 
 def _goes_on(y: Array, k: int) -> bool:

@@ -152,8 +152,8 @@ class Causes:
             case = Case(motions, simulated)
             explained = (member(case) for member in EXPLANATIONS)
             self._found[simulated] = case, [each for each in explained if each is not None]
-        case, found = self._found[simulated]
-        good = [each for each in found if each.misfit <= most * case.plain.misfit]
+        case, cause_fits = self._found[simulated]
+        good = [each for each in cause_fits if each.misfit <= most * case.plain.misfit]
         return next((each for each in _rank(good)[:_TRIALS] if self._is_evident(each)), None)
 
     def _is_evident(self, cause: CauseFit) -> bool:
@@ -165,7 +165,7 @@ class Causes:
 
     @cached_property
     def _motions(self) -> tuple[Motion, ...]:
-        return tuple(found for found in map(motion, self.records) if found is not None)
+        return tuple(grid_motion for grid_motion in map(motion, self.records) if grid_motion is not None)
 
     @cached_property
     def _without(self) -> Fit | None:

@@ -33,7 +33,7 @@ def _drift(case: Case) -> CauseFit | None:
     if max(sweep_count(each.u) for each in case.motions) < _SWEPT:
         return None
     tried = [(case.with_input(partial(_at_rate, rate=rate)), rate) for rate in (*-_RATES, *_RATES)]
-    found, rate = min(tried, key=lambda each: each[0].misfit)
+    best_regression, rate = min(tried, key=lambda each: each[0].misfit)
     longest = max(float(each.t[-1] - each.t[0]) for each in case.motions)
     sentence = (
         "The delay between input and output changes steadily, by about "
@@ -42,7 +42,7 @@ def _drift(case: Case) -> CauseFit | None:
     )
     return CauseFit(
         finding=warning("clock-drift", sentence, parameters=("delay", "time_constant", "gain")),
-        misfit=found.misfit,
+        misfit=best_regression.misfit,
         chosen=1,
         remedy=lambda data: _by_clock(data, rate),
     )
@@ -66,10 +66,10 @@ def _constant_shift(case: Case) -> CauseFit | None:
     shortest = min(float(each.t[-1] - each.t[0]) for each in case.motions)
     best, ahead = 1.0, 0.0
     for span in spans[spans < 0.1 * shortest].tolist():
-        share, found = _shift_inputs(case, span)
+        share, trial = _shift_inputs(case, span)
         if share < best:
             # What is left of the shift stands in the column of the input's derivative: K d.
-            best, ahead = share, span - found.coefficients[2] / found.coefficients[1]
+            best, ahead = share, span - trial.coefficients[2] / trial.coefficients[1]
     if ahead < (_AHEAD - 1.5) * step:
         return None
     least = best * case.plain.misfit
@@ -95,8 +95,8 @@ def _shift_inputs(case: Case, span: float) -> tuple[float, Regression]:
     inputs = [(each, input_at(each.data, each.t + span)) for each in case.motions]
     moved[:, 1] = np.concatenate([each.filter_through_chain(u) for each, u in inputs])
     moved[:, 2] = -np.concatenate([each.filter_through_chain(u, 1) for each, u in inputs])
-    found = regression(moved[known], speed[known])
-    return found.misfit / plain.misfit if plain.misfit > 0 else 1.0, found
+    shifted_regression = regression(moved[known], speed[known])
+    return shifted_regression.misfit / plain.misfit if plain.misfit > 0 else 1.0, shifted_regression
 
 
 EXPLANATIONS.member("clock_drift")(_drift)

@@ -27,7 +27,7 @@ def _dead_zone(case: Case) -> CauseFit | None:
         (case.with_input(lambda m, width=width: without_zone(m.u, width)), width)  # type: ignore[misc]
         for width in (part * largest for part in _WIDTHS)
     ]
-    found, width = min(tried, key=lambda each: each[0].misfit)
+    best_regression, width = min(tried, key=lambda each: each[0].misfit)
     if (
         max(sweep_count(each.u) for each in case.motions) < _SWEPT
         or _moving_share(case.motions, width) < _SEEN
@@ -41,7 +41,7 @@ def _dead_zone(case: Case) -> CauseFit | None:
     )
     return CauseFit(
         finding=warning("dead-zone", sentence, parameters=("gain", "coulomb_voltage")),
-        misfit=found.misfit,
+        misfit=best_regression.misfit,
         chosen=1,
         remedy=lambda data: replace(data, u=without_zone(data.u, width), reference=None),
     )

@@ -22,10 +22,10 @@ def _drag(case: Case) -> CauseFit | None:
     ):
         return None
     speeds = [np.interp(each.t, each.data.t_output, smooth_speed(each.data)) for each in case.motions]
-    found = case.with_columns(
+    drag_regression = case.with_columns(
         [-each.filter_through_chain(w * np.abs(w)) for each, w in zip(case.motions, speeds, strict=True)]
     )
-    factor = float(found.coefficients[5] / (found.coefficients[1] or 1.0))
+    factor = float(drag_regression.coefficients[5] / (drag_regression.coefficients[1] or 1.0))
     size = factor * max(float(np.percentile(np.abs(w), 99)) for w in speeds) ** 2
     if not 0 < size <= max(float(np.abs(each.u).max()) for each in case.motions):
         return None
@@ -39,7 +39,7 @@ def _drag(case: Case) -> CauseFit | None:
     return CauseFit(
         finding=warning("drag-not-linear", sentence, parameters=("gain", "time_constant", "coulomb_voltage")),
         structural=True,
-        misfit=found.misfit,
+        misfit=drag_regression.misfit,
         chosen=1,
         remedy=lambda data: without_drag(data, factor),
     )

@@ -106,7 +106,7 @@ def motion(data: Dataset) -> Motion | None:
     step = span / (count - 1)
     if count == _MOST and _grid_error(data, t) > _UNSEEN:
         return None
-    found = Motion(
+    grid_motion = Motion(
         data=data,
         t=t,
         # Held for most of the step: a voltage that came a little after its sample acts for all but that little.
@@ -116,7 +116,7 @@ def motion(data: Dataset) -> Motion | None:
         step=step,
         filter_time=filter_time(y, step, 2 if data.kind == "position" else 1),
     )
-    return found if len(found.rows) >= 30 else None
+    return grid_motion if len(grid_motion.rows) >= 30 else None
 
 
 def _grid_error(data: Dataset, t: Array) -> float:

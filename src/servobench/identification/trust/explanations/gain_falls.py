@@ -27,7 +27,7 @@ def _gain_falls(case: Case) -> CauseFit | None:
     ]
     if not tried:
         return None
-    found, limit = min(tried, key=lambda each: each[0].misfit)
+    best_regression, limit = min(tried, key=lambda each: each[0].misfit)
     unit = case.motions[0].data.input_unit
     sentence = (
         f"Inputs beyond about {plain(limit, 2)} {unit} have no further effect: the amplifier, the supply "
@@ -36,7 +36,7 @@ def _gain_falls(case: Case) -> CauseFit | None:
     )
     return CauseFit(
         finding=warning("gain-falls", sentence, parameters=("gain",)),
-        misfit=found.misfit,
+        misfit=best_regression.misfit,
         chosen=1,
         remedy=lambda data: replace(data, u=np.clip(data.u, -limit, limit), reference=None),
     )

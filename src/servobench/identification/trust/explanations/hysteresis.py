@@ -33,7 +33,7 @@ def _hysteresis(case: Case) -> CauseFit | None:
     ]
     if not tried:
         return None
-    found, width = min(tried, key=lambda each: each[0].misfit)
+    best_regression, width = min(tried, key=lambda each: each[0].misfit)
     unit = case.motions[0].data.input_unit
     sentence = (
         f"The effective input lags by about {width:.2g} {unit} whenever the input reverses "
@@ -42,7 +42,7 @@ def _hysteresis(case: Case) -> CauseFit | None:
     )
     return CauseFit(
         finding=warning("hysteresis", sentence, parameters=("gain", "time_constant")),
-        misfit=found.misfit,
+        misfit=best_regression.misfit,
         chosen=1,
         remedy=lambda data: replace(data, u=play(data.u, width), reference=None),
     )

@@ -27,8 +27,8 @@ def _level(case: Case) -> CauseFit | None:
         tried.append((case.with_columns(extra), float(level)))
     if not tried:
         return None
-    found, level = min(tried, key=lambda each: each[0].misfit)
-    really = level + found.coefficients[-1] / found.coefficients[1]
+    best_regression, level = min(tried, key=lambda each: each[0].misfit)
+    really = level + best_regression.coefficients[-1] / best_regression.coefficients[1]
     unit = case.motions[0].data.input_unit
     sentence = (
         f"The level recorded as {level:g} {unit} acts like {really:.3g} {unit}, compared with the "
@@ -37,7 +37,7 @@ def _level(case: Case) -> CauseFit | None:
     )
     return CauseFit(
         finding=warning("level-disagrees", sentence, parameters=("gain",)),
-        misfit=found.misfit,
+        misfit=best_regression.misfit,
         chosen=2,
         remedy=lambda data: replace(data, u=np.where(data.u == level, really, data.u), reference=None),
     )

@@ -31,12 +31,12 @@ def _records(case: Case) -> CauseFit | None:
         for k in range(1, len(case.motions))
         for make in (1, 2)
     ]
-    found = case.with_columns(*columns)
-    first = found.coefficients[1]
+    regression = case.with_columns(*columns)
+    first = regression.coefficients[1]
     level = single_level([each.data for each in case.motions])
     if level:  # gain and friction can't be told apart; what counts is what is left of the level
-        first -= found.coefficients[3] / abs(level)
-    gains = np.array([first, *(first + found.coefficients[5::2])])
+        first -= regression.coefficients[3] / abs(level)
+    gains = np.array([first, *(first + regression.coefficients[5::2])])
     middle = float(np.median(gains))
     if middle == 0 or float(np.abs(gains / middle - 1).max()) < _APART:
         return None
@@ -52,7 +52,7 @@ def _records(case: Case) -> CauseFit | None:
     )
     return CauseFit(
         finding=warning("records-disagree", sentence, parameters=("gain",)),
-        misfit=found.misfit,
+        misfit=regression.misfit,
         chosen=1,
         remedy=lambda data: (
             replace(data, u=times * data.u, input_before=times * data.input_before, reference=None)
@@ -71,9 +71,11 @@ def _changes(case: Case) -> CauseFit | None:
     by_friction = [
         each.filter_through_chain(each.sense * g) for each, g in zip(case.motions, gone, strict=True)
     ]
-    found = case.with_columns(by_gain, by_friction)
-    shares = found.coefficients[5:7] / (found.coefficients[1] or 1.0)
-    added = np.column_stack([np.concatenate(by_gain), np.concatenate(by_friction)]) @ found.coefficients[5:]
+    regression = case.with_columns(by_gain, by_friction)
+    shares = regression.coefficients[5:7] / (regression.coefficients[1] or 1.0)
+    added = (
+        np.column_stack([np.concatenate(by_gain), np.concatenate(by_friction)]) @ regression.coefficients[5:]
+    )
     share = 2 * np.sqrt(3 * np.sum(added**2) / case.plain.total)  # from end to end, what changes evenly
     sentence = (
         "The motor responded differently at the end of the record than at the beginning, by about "
@@ -82,7 +84,7 @@ def _changes(case: Case) -> CauseFit | None:
     )
     return CauseFit(
         finding=warning("motor-changes", sentence, parameters=("gain", "time_constant")),
-        misfit=found.misfit,
+        misfit=regression.misfit,
         chosen=2,
         structural=True,
         remedy=lambda data: _undo_change(data, *shares),

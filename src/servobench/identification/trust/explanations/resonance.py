@@ -31,8 +31,8 @@ def _resonance(case: Case) -> CauseFit | None:
     columns, speed = (
         np.concatenate(each) for each in zip(*map(resonance_columns, case.motions), strict=True)
     )
-    without, found = regression(columns[:, :5], speed), regression(columns, speed)
-    tau, second, third = (float(found.coefficients[k]) for k in (0, 5, 6))
+    without, full_regression = regression(columns[:, :5], speed), regression(columns, speed)
+    tau, second, third = (float(full_regression.coefficients[k]) for k in (0, 5, 6))
     swinging = _swing_frequency(np.roots([third, second, tau, 1.0]).astype(np.complex128))
     if not any(rings(each.u) for each in case.motions):
         return None
@@ -48,7 +48,7 @@ def _resonance(case: Case) -> CauseFit | None:
     return CauseFit(
         finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant")),
         structural=True,
-        misfit=case.plain.misfit * found.misfit / without.misfit,
+        misfit=case.plain.misfit * full_regression.misfit / without.misfit,
         chosen=4,
         structure="rational_3_2_integrator_delay",
     )

@@ -15,8 +15,8 @@ def _second_order(case: Case) -> CauseFit | None:
     """Whether the speed's second derivative makes the equation hold, and whether its poles swing."""
     if not any(rings(each.u) for each in case.motions):
         return None
-    found = case.with_columns(_bend(case))
-    tau, squared = float(found.coefficients[0]), float(found.coefficients[5])
+    regression = case.with_columns(_bend(case))
+    tau, squared = float(regression.coefficients[0]), float(regression.coefficients[5])
     if squared == 0:
         return None
     frequency = np.sqrt(abs(squared)) ** -1 / (2 * np.pi)
@@ -31,7 +31,7 @@ def _second_order(case: Case) -> CauseFit | None:
     return CauseFit(
         finding=warning(code, sentence, parameters=("gain", "time_constant")),
         structural=True,
-        misfit=found.misfit,
+        misfit=regression.misfit,
         chosen=3,
         structure="rational_2_0_integrator_delay",
     )

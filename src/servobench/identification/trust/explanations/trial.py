@@ -70,20 +70,20 @@ def _best(
     records: Sequence[Dataset], structures: Sequence[str], known: Mapping[str, Fit] | None = None
 ) -> Fit | None:
     """The fit that leaves least; None where the records support none of the structures."""
-    found = []
+    fits = []
     for name in structures:
         if known and name in known:
-            found.append(known[name])
+            fits.append(known[name])
             continue
         method, structure = ESTIMATORS["output_error"], STRUCTURES[name]
         if method.supports(structure, records) is not None:
             continue
         try:
-            found.append(method.fit(structure, records))
+            fits.append(method.fit(structure, records))
         except NotIdentifiable:
             continue
-    found = [each for each in found if np.isfinite(each.fit_percent)]
-    return max(found, key=lambda each: each.fit_percent, default=None)
+    fits = [each for each in fits if np.isfinite(each.fit_percent)]
+    return max(fits, key=lambda each: each.fit_percent, default=None)
 
 
 def _lag(*fits: Fit) -> float:

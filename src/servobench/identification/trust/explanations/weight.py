@@ -21,15 +21,15 @@ def _weight(case: Case) -> CauseFit | None:
         return None
     sine = [each.filter_through_chain(np.sin(each.y + each.data.y[0])) for each in case.motions]
     cosine = [each.filter_through_chain(np.cos(each.y + each.data.y[0])) for each in case.motions]
-    found = case.with_columns(sine, cosine)
-    size = float(np.hypot(*found.coefficients[5:7])) / abs(found.coefficients[1] or 1.0)
+    regression = case.with_columns(sine, cosine)
+    size = float(np.hypot(*regression.coefficients[5:7])) / abs(regression.coefficients[1] or 1.0)
     unit = case.motions[0].data.input_unit
     largest = max(float(np.abs(each.u).max()) for each in case.motions)
     if size < _LEAST * largest or max(float(np.ptp(each.y)) for each in case.motions) < _TURNED:
         return None
     # Of a torque beyond all that the motor had, only a small part was seen, so its size is unknown.
-    seen = size <= largest
-    how_large = f", as large as {size:.2g} {unit} of input" if seen else ""
+    size_is_known = size <= largest
+    how_large = f", as large as {size:.2g} {unit} of input" if size_is_known else ""
     sentence = (
         f"A torque varies with the shaft's angle, once per turn{how_large}: a weight hangs on the "
         "shaft (a pendulum, an arm). A first-order motor is the wrong structure; use one with "
@@ -38,9 +38,9 @@ def _weight(case: Case) -> CauseFit | None:
     return CauseFit(
         finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant", SINE.name)),
         structural=True,
-        misfit=found.misfit,
+        misfit=regression.misfit,
         chosen=2,
-        remedy=lambda data: _unload(data, *(found.coefficients[5:7] / found.coefficients[1])),
+        remedy=lambda data: _unload(data, *(regression.coefficients[5:7] / regression.coefficients[1])),
     )
 
 

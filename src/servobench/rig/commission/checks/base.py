@@ -61,8 +61,8 @@ def as_sentence(text: str) -> str:
 
 def no_outcome(reason: str) -> Outcome:
     """Return the outcome of a check that wasn't carried out, for a reason that ends a sentence."""
-    found = f"Not carried out, as {reason}."
-    return Outcome(state="unknown", did="Nothing.", expected="", found=found, carried_out=False)
+    sentence = f"Not carried out, as {reason}."
+    return Outcome(state="unknown", did="Nothing.", expected="", found=sentence, carried_out=False)
 
 
 class Check(Protocol):

@@ -13,7 +13,7 @@ from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, no_ou
 
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
-    from servobench.rig.commission.seen import Seen
+    from servobench.rig.commission.check_run import CheckRun
 
 FAR = 70_000.0  # counts: beyond what 16 bits hold, whatever the counter began with
 STEP = 60.0  # counts a sample that the motor turns at most: half of what 8 bits can tell apart
@@ -50,14 +50,14 @@ class Counter:
         longest = LONGEST_WRAP if bench.until_wrap else LONGEST
         too_far = time > longest
         time = min(time, longest)
-        seen = bench.drive(
+        run = bench.drive(
             (voltage, time),
             (0.0, bench.tail),
             (-voltage, time + SPIN_UP),
             limits={"possible_speed": _permissive(bench, claimed)},
         )
-        jumps, bits = wraps(seen)
-        went = float(np.ptp(_without(seen.raw, bits)))
+        jumps, bits = wraps(run)
+        went = float(np.ptp(_without(run.raw, bits)))
         did = (
             f"{plain(voltage, 3)} V for {plain(time, 3)} s, then {plain(-voltage, 3)} V: "
             f"{plain(went, 3)} counts one way and back."
@@ -105,13 +105,13 @@ def _permissive(bench: Bench, claimed: int | None) -> float:
     return 0.4 * half / bench.sample_time / bench.speed_unit[0]
 
 
-def wraps(seen: Seen) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], int | None]:
+def wraps(run: CheckRun) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], int | None]:
     """Return the jumps in the raw counts, and the width that explains them [bits]; None without a jump.
 
     A jump is a step that differs by more than half of the smallest width from what the median speed of its neighbours makes of
     the time that it took, as samples may be missing.
     """
-    steps, times = np.diff(seen.raw), np.maximum(np.diff(seen.t), SHORTEST_STEP)
+    steps, times = np.diff(run.raw), np.maximum(np.diff(run.t), SHORTEST_STEP)
     if len(steps) < 5:
         return np.empty(0), None
     speeds = np.pad(steps / times, 4, mode="reflect")

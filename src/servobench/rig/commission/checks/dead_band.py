@@ -12,7 +12,7 @@ from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
-    from servobench.rig.commission.seen import Seen
+    from servobench.rig.commission.check_run import CheckRun
 
 STEPS, DWELL = 24, 0.2  # steps of the staircase, and the time of each [s]
 TOP = 1.5  # times the voltage that moved the shaft within a short pulse
@@ -39,16 +39,16 @@ class DeadBand:
         levels = top * np.arange(1, STEPS + 1) / STEPS
         pause = bench.tail
         up = [(float(level), DWELL) for level in levels]
-        seen = bench.drive(*up, (0.0, pause), *((-level, duration) for level, duration in up))
+        run = bench.drive(*up, (0.0, pause), *((-level, duration) for level, duration in up))
         climb = STEPS * DWELL
-        found = {
-            "forwards": _breakaway(seen, LEAD, levels, bench.quiet),
-            "backwards": _breakaway(seen, LEAD + climb + pause, levels, bench.quiet),
+        intervals = {
+            "forwards": _breakaway(run, LEAD, levels, bench.quiet),
+            "backwards": _breakaway(run, LEAD + climb + pause, levels, bench.quiet),
         }
         did = f"A staircase to {plain(top, 3)} V in {STEPS} steps of {1000 * DWELL:g} ms, and one to {plain(-top, 3)} V."
         most = PART * bench.limit
         expected = f"The shaft turns either way below {plain(most, 3)} V, {100 * PART:g} % of the range."
-        held = [way for way, interval in found.items() if interval is None]
+        held = [way for way, interval in intervals.items() if interval is None]
         if held:
             return Outcome(
                 state="failed", did=did, expected=expected,
@@ -58,7 +58,7 @@ class DeadBand:
             )  # fmt: skip
         figures = tuple(
             Figure(name=f"breakaway voltage {way}", value=0.5 * sum(interval), unit="V", interval=interval)
-            for way, interval in found.items()
+            for way, interval in intervals.items()
             if interval is not None
         )
         largest = max(figure.value for figure in figures)
@@ -78,12 +78,12 @@ class DeadBand:
 
 
 def _breakaway(
-    seen: Seen, begin: float, levels: np.ndarray[tuple[int], np.dtype[np.float64]], quiet: float
+    run: CheckRun, begin: float, levels: np.ndarray[tuple[int], np.dtype[np.float64]], quiet: float
 ) -> tuple[float, float] | None:
     """The largest level that surely didn't move the shaft, and the smallest that surely did [V]; None where none did."""
-    inside = (seen.t >= begin) & (seen.t < begin + len(levels) * DWELL)
-    moved = np.flatnonzero(np.abs(seen.counts[inside] - seen.at(begin)) > quiet)
+    inside = (run.t >= begin) & (run.t < begin + len(levels) * DWELL)
+    moved = np.flatnonzero(np.abs(run.counts[inside] - run.at(begin)) > quiet)
     if not len(moved):
         return None
-    step = min(int((seen.t[inside][moved[0]] - begin) / DWELL), len(levels) - 1)
+    step = min(int((run.t[inside][moved[0]] - begin) / DWELL), len(levels) - 1)
     return float(levels[step - 2]) if step >= 2 else 0.0, float(levels[step])

@@ -12,7 +12,7 @@ from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 if TYPE_CHECKING:
     from servobench.core.channels import Array
     from servobench.rig.commission.bench import Bench
-    from servobench.rig.commission.seen import Seen
+    from servobench.rig.commission.check_run import CheckRun
 
 STEPS, LENGTH = 20, 0.15  # steps from rest, and the mean time of each [s]
 UNLIKE, GOLDEN = 0.4, 0.618  # by how much their times differ, and the ratio that spreads them evenly
@@ -55,11 +55,11 @@ class Delay:
             # Steps of one length would take the shaft to and fro between the same two places, with the same rounding.
             length = LENGTH * (1 + UNLIKE * (number * GOLDEN % 1 - 0.5))
             steps += [((-1) ** number * voltage, length), (0.0, max(bench.tail - REST_SPARE, PAUSE))]
-        seen = bench.drive(*steps)
+        run = bench.drive(*steps)
         stated, most = bench.info.delay, TOLERANCE * bench.sample_time
         did = f"{STEPS} steps from rest of ±{plain(voltage, 3)} V and {1000 * LENGTH:g} ms; the first counts were timed."
         expected = f"The delay is {milliseconds(stated)} ms, as the device says, within a sample time of {milliseconds(most)} ms."
-        delays, length = onsets(seen)
+        delays, length = onsets(run)
         if len(delays) < FEWEST_STEPS:
             return Outcome(
                 state="unknown", did=did, expected=expected,
@@ -90,29 +90,29 @@ class Delay:
         )
 
 
-def onsets(seen: Seen) -> tuple[Array, float]:
+def onsets(run: CheckRun) -> tuple[Array, float]:
     """Return the delay of each step from rest (N,) [s], and the mean length of the motion that they were read off [s]."""
-    commanded = seen.recording["commanded"].values[: len(seen.t)]
+    commanded = run.recording["commanded"].values[: len(run.t)]
     edges = np.flatnonzero((commanded[1:] != 0) & (commanded[:-1] == 0)) + 1
-    found = [pair for edge in edges if (pair := _onset(seen, commanded, int(edge))) is not None]
-    lengths = [length for _, length in found]
-    return np.array([delay for delay, _ in found]), float(np.mean(lengths)) if lengths else 0.0
+    pairs = [pair for edge in edges if (pair := _onset(run, commanded, int(edge))) is not None]
+    lengths = [length for _, length in pairs]
+    return np.array([delay for delay, _ in pairs]), float(np.mean(lengths)) if lengths else 0.0
 
 
-def _onset(seen: Seen, commanded: Array, edge: int) -> tuple[float, float] | None:
+def _onset(run: CheckRun, commanded: Array, edge: int) -> tuple[float, float] | None:
     """The delay of one step, and the length of the motion that it was read off [s]; None where it didn't begin at rest."""
-    begin = float(seen.t[edge])
-    rest = seen.counts[(seen.t > begin - BEFORE) & (seen.t <= begin)]
+    begin = float(run.t[edge])
+    rest = run.counts[(run.t > begin - BEFORE) & (run.t <= begin)]
     over = np.flatnonzero(commanded[edge:] == 0)
-    end = edge + int(over[0]) if len(over) else len(seen.t) - 1
-    moved = np.abs(seen.counts[edge : end + 1] - rest.mean())
+    end = edge + int(over[0]) if len(over) else len(run.t) - 1
+    moved = np.abs(run.counts[edge : end + 1] - rest.mean())
     fast = np.flatnonzero(moved > HIGH)
     last = int(fast[0]) if len(fast) else len(moved) - 1
     slow = np.flatnonzero(moved[: last + 1] < LOW)
     first = int(slow[-1]) + 1 if len(slow) else 0
     if np.ptp(rest) > 1 or last - first + 1 < FEWEST_SAMPLES:
         return None
-    t = seen.t[edge + first : edge + last + 1] - begin
+    t = run.t[edge + first : edge + last + 1] - begin
     roots = np.roots(np.polyfit(t, np.sqrt(moved[first : last + 1]), 2))
     real = roots[np.isreal(roots)].real
     if not len(real):

@@ -29,11 +29,11 @@ class Noise:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts."""
-        seen = bench.wait(DURATION)
-        swing = seen.range(0.0, DURATION)
+        run = bench.wait(DURATION)
+        swing = run.range(0.0, DURATION)
         figures = [Figure(name="counts, largest less smallest", value=swing, unit="counts")]
         wrong = ["the counts"] if swing > FLICKER else []
-        for name, values in seen.sensors.items():
+        for name, values in run.sensors.items():
             channel = bench.info.channel(name)
             unit = (channel.unit if channel else None) or ""
             figures += _figures(name, values, unit)

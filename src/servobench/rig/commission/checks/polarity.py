@@ -31,22 +31,22 @@ class Polarity:
         voltage = -bench.value_of("speed_voltage")
         if not math.isfinite(voltage):
             return no_outcome("the speed forwards isn't known")
-        seen = bench.drive((voltage, DURATION))
-        forward, back = bench.value_of("speed"), seen.speed(LEAD + FIRST, LEAD + DURATION)
+        run = bench.drive((voltage, DURATION))
+        forward, back = bench.value_of("speed"), run.speed(LEAD + FIRST, LEAD + DURATION)
         factor, unit = bench.speed_unit
         ratio = -back / forward if forward else math.nan
         even = 1 / UNEVEN <= ratio <= UNEVEN
         if even:
-            found = f"The motor turned the other way, as fast to within {max(1, math.ceil(abs(100 * (ratio - 1))))} %."
+            sentence = f"The motor turned the other way, as fast to within {max(1, math.ceil(abs(100 * (ratio - 1))))} %."
         elif ratio > 0:
-            found = f"The motor turned the other way, but {plain(ratio, 3)} times as fast."
+            sentence = f"The motor turned the other way, but {plain(ratio, 3)} times as fast."
         else:
-            found = "The motor didn't turn the other way."
+            sentence = "The motor didn't turn the other way."
         return Outcome(
             state="verified" if even else "failed",
             did=f"{plain(voltage, 3)} V for {DURATION:g} s; the speed was compared with that under {plain(-voltage, 3)} V.",
             expected=f"The motor turns the other way, and about as fast: within a factor of {UNEVEN:g}.",
-            found=found,
+            found=sentence,
             figures=(
                 Figure(name="speed forwards", value=forward / factor, unit=unit),
                 Figure(name="speed backwards", value=back / factor, unit=unit),

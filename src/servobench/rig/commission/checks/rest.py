@@ -29,12 +29,12 @@ class Rest:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts."""
-        seen = bench.wait(DURATION)
+        run = bench.wait(DURATION)
         channel = bench.info.channel("counts")
         turn = channel.counts_per_rev if channel else None
         most = max(8.0, round(PART_OF_A_TURN * (turn or 0.0)))
-        drift = float(np.mean(seen.between(DURATION - PART, DURATION)) - np.mean(seen.between(0.0, PART)))
-        swing = seen.range(0.0, DURATION)
+        drift = float(np.mean(run.between(DURATION - PART, DURATION)) - np.mean(run.between(0.0, PART)))
+        swing = run.range(0.0, DURATION)
         still = abs(drift) <= DRIFT and swing <= most
         return Outcome(
             state="verified" if still else "failed",

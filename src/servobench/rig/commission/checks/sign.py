@@ -28,9 +28,9 @@ class Sign:
     def carry_out(self, bench: Bench) -> Outcome:
         """Put a small positive voltage out."""
         voltage = bench.spin_voltage
-        seen = bench.drive((voltage, DURATION))
-        went = seen.at(LEAD + DURATION) - seen.at(LEAD)
-        speed = seen.speed(LEAD + FIRST, LEAD + DURATION)
+        run = bench.drive((voltage, DURATION))
+        went = run.at(LEAD + DURATION) - run.at(LEAD)
+        speed = run.speed(LEAD + FIRST, LEAD + DURATION)
         factor, unit = bench.speed_unit
         clear = abs(went) >= CLEARLY + bench.quiet
         rises = went > 0

@@ -53,15 +53,15 @@ class Stall:
                 found="Friction is so small that no voltage leaves the shaft at rest.",
                 remedy="Hold the shaft with a clamp, run an experiment with a constant voltage, and see it cut off.",
             )  # fmt: skip
-        seen = bench.drive(
+        run = bench.drive(
             (voltage, PATIENCE),
             limits={"stall": None if bench.own_stall else {"voltage": threshold}, "plausibility": None},
             settings={"stall_voltage": threshold} if bench.own_stall else None,
             may_end=True,
         )
-        stopped = seen.recording.stopped
+        stopped = run.recording.stopped
         if stopped.reason != "fault":
-            moved = seen.range(LEAD, LEAD + PATIENCE)
+            moved = run.range(LEAD, LEAD + PATIENCE)
             turned = moved > bench.quiet + 3
             return Outcome(
                 state="unknown" if turned else "failed", did=did, expected=expected,
@@ -73,7 +73,7 @@ class Stall:
                 if turned
                 else "Check the stall monitor in the device's settings and firmware; don't leave the motor alone.",
             )  # fmt: skip
-        time = seen.duration - LEAD
+        time = run.duration - LEAD
         step = bench.sample_time
         in_time = abs(time - AFTER) <= TOLERANCE
         return Outcome(

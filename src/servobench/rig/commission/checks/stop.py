@@ -12,7 +12,7 @@ from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome
 
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
-    from servobench.rig.commission.seen import Seen
+    from servobench.rig.commission.check_run import CheckRun
 
 FIRST, FACTOR = 0.02, 1.5  # of the voltage limit; each pulse is larger than the one before by the factor
 PATIENCE = 2.0  # s after the pulse
@@ -34,11 +34,11 @@ class Stop:
         voltage = FIRST * bench.limit
         most = PULSE_PART * bench.limit
         while True:
-            seen = bench.drive((voltage, PULSE_TIME), tail=PATIENCE)
-            moved = abs(seen.at(seen.duration) - seen.at(LEAD))
-            farthest = float(np.abs(seen.counts - seen.at(LEAD)).max())
+            run = bench.drive((voltage, PULSE_TIME), tail=PATIENCE)
+            moved = abs(run.at(run.duration) - run.at(LEAD))
+            farthest = float(np.abs(run.counts - run.at(LEAD)).max())
             if farthest >= CLEARLY + bench.quiet:
-                return _outcome_of_stop(voltage, farthest, moved, seen)
+                return _outcome_of_stop(voltage, farthest, moved, run)
             if voltage >= most:
                 return _outcome_without_motion(voltage, farthest)
             voltage = min(FACTOR * voltage, most)
@@ -54,14 +54,14 @@ def _did(voltage: float) -> str:
 _EXPECTED = f"The shaft moves, and is at rest for the last {REST:g} s."
 
 
-def _outcome_of_stop(voltage: float, farthest: float, moved: float, seen: Seen) -> Outcome:
+def _outcome_of_stop(voltage: float, farthest: float, moved: float, run: CheckRun) -> Outcome:
     """The shaft moved, and came to rest, or the run would have raised an error."""
     end = LEAD + PULSE_TIME
-    final = seen.between(seen.duration - REST, np.inf)
+    final = run.between(run.duration - REST, np.inf)
     low, high = float(final.min()), float(final.max())
-    moving = seen.t[(seen.counts < low) | (seen.counts > high)]
+    moving = run.t[(run.counts < low) | (run.counts > high)]
     time = max(float(moving[-1]) - end, 0.0) if len(moving) else 0.0
-    step = float(np.median(np.diff(seen.t)))
+    step = float(np.median(np.diff(run.t)))
     return Outcome(
         state="verified",
         did=_did(voltage),

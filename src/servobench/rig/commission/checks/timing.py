@@ -12,7 +12,7 @@ from servobench.rig.lateness import lateness
 
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
-    from servobench.rig.commission.seen import Seen
+    from servobench.rig.commission.check_run import CheckRun
 
 DURATION = 3.0  # s
 LATE = 0.5  # of a sample time, for 99 of 100 samples
@@ -31,19 +31,19 @@ class Timing:
 
     def carry_out(self, bench: Bench) -> Outcome:
         """Record at zero volts, and look at the times."""
-        seen = bench.wait(DURATION, may_end=True)
+        run = bench.wait(DURATION, may_end=True)
         did = f"0 V for {DURATION:g} s at {1 / bench.sample_time:g} Hz; each sample's time was compared with its schedule."
         most = LATE * bench.sample_time
         expected = f"No tick is missing, and 99 % of the samples are late by at most {milliseconds(most)} ms."
-        stopped = seen.recording.stopped
+        stopped = run.recording.stopped
         if stopped.reason == "fault":
             return Outcome(
                 state="failed", did=did, expected=expected, found=as_sentence(f"the run was cut short: {stopped.sentence}"),
-                figures=(Figure(name="time until then", value=seen.duration, unit="s"),), remedy=REMEDY,
+                figures=(Figure(name="time until then", value=run.duration, unit="s"),), remedy=REMEDY,
             )  # fmt: skip
-        late = lateness(seen.recording)
+        late = lateness(run.recording)
         if late is None:
-            return _outcome_without_clock(did, expected, seen, bench.sample_time)
+            return _outcome_without_clock(did, expected, run, bench.sample_time)
         punctual = late.missed == 0 and late.p99 <= most
         return Outcome(
             state="verified" if punctual else "failed",
@@ -59,9 +59,9 @@ class Timing:
         )
 
 
-def _outcome_without_clock(did: str, expected: str, seen: Seen, sample_time: float) -> Outcome:
+def _outcome_without_clock(did: str, expected: str, run: CheckRun, sample_time: float) -> Outcome:
     """The outcome where no clock ran: nothing can be late, but a tick may be missing."""
-    missed = int(np.maximum(np.rint(np.diff(seen.t) / sample_time) - 1, 0).sum())
+    missed = int(np.maximum(np.rint(np.diff(run.t) / sample_time) - 1, 0).sum())
     if missed:
         return Outcome(
             state="failed", did=did, expected=expected, found=f"{count_text(missed, 'tick')} went by without a sample.",

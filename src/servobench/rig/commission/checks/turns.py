@@ -45,8 +45,8 @@ class Turns:
             )  # fmt: skip
         turns = bench.person.turns
         patience, look = bench.person.begin()
-        seen = bench.wait(patience, look)
-        went = float(np.mean(seen.between(seen.duration - END, np.inf)) - np.mean(seen.between(0.0, END)))
+        run = bench.wait(patience, look)
+        went = float(np.mean(run.between(run.duration - END, np.inf)) - np.mean(run.between(0.0, END)))
         did = (
             f"0 V while the shaft was turned {plain(turns)} times by hand."
             if turns != 1

@@ -13,7 +13,7 @@ from servobench.rig.commission.checks.base import CHECKS, Figure, Outcome, as_se
 
 if TYPE_CHECKING:
     from servobench.rig.commission.bench import Bench
-    from servobench.rig.commission.seen import Seen
+    from servobench.rig.commission.check_run import CheckRun
 
 SPUN, BEFORE = 1.0, 0.2  # s at a voltage before it starves, of which the last part gives the speed
 PATIENCE = 1.2  # s; 500 ms are the longest time of a watchdog, and the shaft needs some to slow down
@@ -44,7 +44,7 @@ class Watchdog:
         """Turn the motor slowly, keep the voltages back, and see what the shaft does."""
         voltage, begin = bench.spin_voltage, LEAD + SPUN
         patience = min(max(PATIENCE, 0.8 + 3 * bench.value_of("rest_time", 0.0)), MOST_PATIENCE)
-        seen = bench.drive(
+        run = bench.drive(
             (voltage, SPUN + patience),
             faults=({"name": "starved", "from": begin},),
             # The guard doesn't know that its voltages are kept back.
@@ -52,8 +52,8 @@ class Watchdog:
             tail=0.0,
             may_lose=True,
         )
-        before = seen.speed(begin - BEFORE, begin)
-        after = seen.speed(seen.duration - END, math.inf)
+        before = run.speed(begin - BEFORE, begin)
+        after = run.speed(run.duration - END, math.inf)
         did = (
             f"{plain(voltage, 3)} V for {SPUN:g} s, then no voltage was sent for {plain(patience, 2)} s while the counts were "
             "read on; the stop was sent in the end."
@@ -70,13 +70,13 @@ class Watchdog:
             Figure(name="speed in the end", value=after / bench.speed_unit[0], unit=bench.speed_unit[1]),
         )
         still = bench.wait(2 * END)  # the stop came through
-        if seen.recording.stopped.reason == "device_lost":
-            time = seen.duration - begin
+        if run.recording.stopped.reason == "device_lost":
+            time = run.duration - begin
             return Outcome(
                 state="unknown", did=did, expected=expected,
                 figures=(figures[0], Figure(name="time until it stopped answering", value=time, unit="s")),
                 found=f"The device stopped answering {with_unit(time, 's', 2)} after the last voltage, so that nothing was seen "
-                f"of the shaft. {as_sentence(seen.recording.stopped.sentence)}",
+                f"of the shaft. {as_sentence(run.recording.stopped.sentence)}",
                 remedy="Turn the motor with `servobench run`, kill that (kill -9), and see whether the shaft slows down at once.",
             )  # fmt: skip
         share = after / before if before else math.nan
@@ -99,7 +99,7 @@ class Watchdog:
                 found=f"The shaft was down to {100 * share:.0f} % of its speed only, so a cut can't be told from a load.",
                 remedy="Take the load off, and run it again.",
             )  # fmt: skip
-        return _outcome_of_cut(did, expected, figures, promised, _time_of_cut(seen, begin), seen)
+        return _outcome_of_cut(did, expected, figures, promised, _time_of_cut(run, begin), run)
 
 
 def _runs_on(did: str, expected: str, figures: tuple[Figure, ...], promised: float | None) -> Outcome:
@@ -118,15 +118,13 @@ def _runs_on(did: str, expected: str, figures: tuple[Figure, ...], promised: flo
     )  # fmt: skip
 
 
-def _time_of_cut(seen: Seen, begin: float) -> tuple[float, float]:
+def _time_of_cut(run: CheckRun, begin: float) -> tuple[float, float]:
     """The time from the last voltage until the motor was let go, and half of its interval [s]."""
-    inside = (seen.t >= begin - BEFORE) & (seen.t < begin)
-    slope, level = np.polyfit(seen.t[inside] - begin, seen.counts[inside], 1)
-    short = np.sign(slope) * (level + slope * (seen.t - begin) - seen.counts)
-    times = [
-        float(seen.t[int(np.argmax((short >= many) & (seen.t >= begin)))]) for many in (CLEAR, 4 * CLEAR)
-    ]
-    step = float(np.median(np.diff(seen.t)))
+    inside = (run.t >= begin - BEFORE) & (run.t < begin)
+    slope, level = np.polyfit(run.t[inside] - begin, run.counts[inside], 1)
+    short = np.sign(slope) * (level + slope * (run.t - begin) - run.counts)
+    times = [float(run.t[int(np.argmax((short >= many) & (run.t >= begin)))]) for many in (CLEAR, 4 * CLEAR)]
+    step = float(np.median(np.diff(run.t)))
     # The last voltage was written with the sample before.
     # A count more or less at e = 5 is 10 % of t₁ - t_c, and half of that at t₂: together a quarter, and as much again for a
     # shaft that slows down less and less.
@@ -139,7 +137,7 @@ def _outcome_of_cut(
     figures: tuple[Figure, ...],
     promised: float | None,
     cut: tuple[float, float],
-    seen: Seen,
+    run: CheckRun,
 ) -> Outcome:
     time, half = cut
     interval = (max(time - half, 0.0), time + half)

@@ -226,13 +226,13 @@ def table_of(text: str) -> dict[str, Any]:
 def text_of(fault: Fault) -> str:
     """Return a fault as a text that reads back the same: its name, and the settings that aren't the defaults."""
     fields = type(fault).model_fields
-    given = {
+    settings = {
         fields[name].alias or name: value
         for name, value in with_units(fault).items()
         if getattr(fault, name) != fields[name].default
     }
     return shlex.join(
-        [FAULTS.name_of(fault), *(f"{key}={value}".replace(" ", "") for key, value in given.items())]
+        [FAULTS.name_of(fault), *(f"{key}={value}".replace(" ", "") for key, value in settings.items())]
     )
 
 

@@ -122,8 +122,8 @@ class Motion:
         self.current = sample.current
         fastest = self.speed if self.speed >= 0.0 else -self.speed
         if sample.tachometer is not None:
-            seen = abs(sample.tachometer)
-            fastest = fastest if seen <= fastest else seen  # NaN goes through, to be noticed
+            speed = abs(sample.tachometer)
+            fastest = fastest if speed <= fastest else speed  # NaN goes through, to be noticed
         self.fastest = fastest
 
     @property

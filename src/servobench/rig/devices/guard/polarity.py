@@ -110,9 +110,9 @@ class PolarityMonitor:
             at.GRID_TIME : at.FIRST_POINT
         ].tolist()
         self._from_rest, self._step = bool(from_rest), int(step)
-        kept = block.s[at.FIRST_POINT : at.FIRST_POINT + at.POINT * int(count)].reshape(-1, at.POINT)
+        rows = block.s[at.FIRST_POINT : at.FIRST_POINT + at.POINT * int(count)].reshape(-1, at.POINT)
         self._points = [
-            Point(time, impulse, mean, int(counts)) for time, impulse, mean, counts in kept.tolist()
+            Point(time, impulse, mean, int(counts)) for time, impulse, mean, counts in rows.tolist()
         ]
 
     def findings(self) -> tuple[Finding, ...]:

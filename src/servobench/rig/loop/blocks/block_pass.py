@@ -257,7 +257,7 @@ class _Normals:
         return self._block.random.standard_normal(self._count)
 
     def __exit__(self, *_: object) -> None:
-        drawn = int(self._block.s[at.DRAWS])
-        if self._block.random and drawn < self._count:
+        draws = int(self._block.s[at.DRAWS])
+        if self._block.random and draws < self._count:
             self._block.random.bit_generator.state = self._before
-            self._block.random.standard_normal(drawn)
+            self._block.random.standard_normal(draws)

@@ -180,12 +180,12 @@ def wrap(whole: int, half: int) -> int:
 def read_sensors(p: Array, s: Array, normals: Array) -> None:
     """Read the tachometer, then the current sensor; 0 where there is none."""
     if p[at.SPEED_STEP] > 0.0:
-        seen = s[at.SPEED] + noise(s, normals, p[at.SPEED_NOISE])
-        s[at.SEEN_SPEED] = quantise(seen, p[at.SPEED_STEP])
+        speed = s[at.SPEED] + noise(s, normals, p[at.SPEED_NOISE])
+        s[at.SEEN_SPEED] = quantise(speed, p[at.SPEED_STEP])
     if p[at.CURRENT_STEP] > 0.0:
-        seen = s[at.CURRENT] + noise(s, normals, p[at.CURRENT_NOISE])
+        current = s[at.CURRENT] + noise(s, normals, p[at.CURRENT_NOISE])
         largest = p[at.CURRENT_RANGE]
-        s[at.SEEN_CURRENT] = larger(-largest, smaller(largest, quantise(seen, p[at.CURRENT_STEP])))
+        s[at.SEEN_CURRENT] = larger(-largest, smaller(largest, quantise(current, p[at.CURRENT_STEP])))
 
 
 @strictly_inlined
@@ -229,8 +229,8 @@ def take_motion(p: Array, s: Array, counts: int, time: float) -> None:
     s[at.SMOOTH_SPEED] += (s[at.STEP] * p[at.ANGLE] / dt - s[at.SMOOTH_SPEED]) * dt / (p[at.SMOOTHING] + dt)
     fastest = abs(s[at.SMOOTH_SPEED])
     if p[at.SPEED_STEP] > 0.0:
-        seen = abs(s[at.SEEN_SPEED])
-        fastest = fastest if seen <= fastest else seen
+        speed = abs(s[at.SEEN_SPEED])
+        fastest = fastest if speed <= fastest else speed
     s[at.FASTEST] = fastest
 
 

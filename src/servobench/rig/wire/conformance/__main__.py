@@ -21,18 +21,18 @@ _MARKS = {"passed": "passed", "failed": "FAILED", "not offered": "not offered"}
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Test the board that the command line names, print a table, and return the exit status."""
-    given = _parser().parse_args(arguments)
+    options = _parser().parse_args(arguments)
     from servobench.rig.wire.serial_port import SerialPort
 
     try:
-        session = Session(SerialPort(given.port, given.baud))
-        greet(session, given.port)
-        return report(session, spin=given.spin, write=sys.stdout.write)
+        session = Session(SerialPort(options.port, options.baud))
+        greet(session, options.port)
+        return report(session, spin=options.spin, write=sys.stdout.write)
     except OSError as error:
         word = (
             str(error)
             if isinstance(error, DeviceError)
-            else f"the port {given.port} is gone ({error.strerror or error})"
+            else f"the port {options.port} is gone ({error.strerror or error})"
         )
         sys.stderr.write(f"{word}\n")
         return DeviceError.exit_status
@@ -56,9 +56,9 @@ def greet(session: Session, name: str) -> None:
 
 def report(session: Session, *, spin: bool, write: Callable[[str], object]) -> int:
     """Carry the checks out, write a line for each and the sum, and return the exit status."""
-    found: list[Outcome] = []
+    results: list[Outcome] = []
     for outcome in outcomes([*AT_REST, *(DRIVEN if spin else ())], session):
-        found.append(outcome)
+        results.append(outcome)
         write(
             f"{_MARKS[outcome.verdict]:12} {outcome.check.name:24} {' '.join(outcome.check.rule.split())}\n"
         )
@@ -67,10 +67,10 @@ def report(session: Session, *, spin: bool, write: Callable[[str], object]) -> i
     if not spin:
         for check in DRIVEN:
             write(f"{'not asked':12} {check.name:24} {' '.join(check.rule.split())}\n")
-    failed = sum(each.verdict == "failed" for each in found)
-    passed = sum(each.verdict == "passed" for each in found)
+    failed = sum(each.verdict == "failed" for each in results)
+    passed = sum(each.verdict == "passed" for each in results)
     left = "" if spin else f", {len(DRIVEN)} turn the motor and weren't asked for (--spin)"
-    write(f"\n{passed} passed, {failed} failed, {len(found) - passed - failed} not offered{left}\n")
+    write(f"\n{passed} passed, {failed} failed, {len(results) - passed - failed} not offered{left}\n")
     write("Not tried: what hangs the main loop, resets the chip or damages the encoder's signals.\n")
     return _BREAKS_RULES if failed else 0
 

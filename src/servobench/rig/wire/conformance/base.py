@@ -54,10 +54,10 @@ def rule(checks: list[Check], sentence: str) -> Callable[[Run], Run]:
     return add
 
 
-def expect(holds: bool, found: str) -> None:
+def expect(holds: bool, sentence: str) -> None:
     """Raise `Broken` with what was found and expected, unless it holds."""
     if not holds:
-        raise Broken(found)
+        raise Broken(sentence)
 
 
 def outcomes(checks: Iterable[Check], session: Session) -> Iterator[Outcome]:

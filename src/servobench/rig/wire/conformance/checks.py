@@ -30,8 +30,8 @@ def _expect_acceptance(status: dict[str, Any], what: str, state: str) -> None:
 
 
 def _expect_state(status: dict[str, Any], state: str, what: str) -> None:
-    found = name_of("states", status["state"])
-    expect(found == state, f"after {what} the board was in {found}; expected {state}")
+    board_state = name_of("states", status["state"])
+    expect(board_state == state, f"after {what} the board was in {board_state}; expected {state}")
 
 
 def _status(session: Session) -> dict[str, Any]:
@@ -55,8 +55,8 @@ def _schema(session: Session) -> None:
     other = protocol().schema ^ 1
     status = session.ask("hello", schema=other)
     _expect_refusal(status, "schema", "HELLO with another schema")
-    found = session.some("info")[0]["schema"]
-    expect(found == protocol().schema, f"INFO gave the schema {found}; expected {protocol().schema}")
+    schema = session.some("info")[0]["schema"]
+    expect(schema == protocol().schema, f"INFO gave the schema {schema}; expected {protocol().schema}")
     status = session.ask("claim", schema=other)
     _expect_refusal(status, "schema", "CLAIM with another schema")
     _expect_state(status, "switch_on_disabled", "that")
@@ -98,7 +98,7 @@ def _frames_without_an_end(session: Session) -> None:
 @rule(AT_REST, "A frame whose `check` is wrong is refused as `damaged`.")
 def _second_checksum(session: Session) -> None:
     session.enable()
-    given: dict[str, dict[str, Any]] = {
+    messages: dict[str, dict[str, Any]] = {
         "duty": {"duty": 0},
         "table": {"first": 0, "count": 8, "last": 0, "duty": [0]},
         "reference": {"reference": 0},
@@ -109,7 +109,7 @@ def _second_checksum(session: Session) -> None:
         "set_position": {"position": 0},
         "release": {},
     }
-    for name, values in given.items():
+    for name, values in messages.items():
         status = session.ask(name, check=_wrong_check(session, name, values), **values)
         # A board without a law knows neither REFERENCE nor GAINS.
         if name in ("reference", "gains") and name_of("refusals", status["refusal"]) == "unknown":
@@ -219,8 +219,8 @@ def _owners(session: Session) -> None:
     _expect_refusal(
         session.ask("claim", schema=protocol().schema, owner=other), "state", "CLAIM of another owner"
     )
-    found = _status(session)["owner"]
-    expect(found == session.owner, f"the owner is {found} then; expected {session.owner}")
+    owner = _status(session)["owner"]
+    expect(owner == session.owner, f"the owner is {owner} then; expected {session.owner}")
 
 
 @rule(AT_REST, "STOP is obeyed whoever sends it.")
@@ -367,8 +367,8 @@ def _reset_cause(session: Session) -> None:
 def _first_claim(session: Session) -> None:
     session.claim()
     _status(session)
-    found = session.some("info")[0]["boots"]
-    expect(found == 0, f"after a CLAIM boots is {found}; expected 0")
+    boots = session.some("info")[0]["boots"]
+    expect(boots == 0, f"after a CLAIM boots is {boots}; expected 0")
 
 
 @rule(AT_REST, "Time of a tick of the device's clock [µs]; all counting of time is in ticks.")
@@ -417,12 +417,12 @@ def _blocks(session: Session) -> None:
     session.ask("sampling", period=2, block=1)
     session.until("8 blocks", lambda: len(session.all("block")) >= 8, 2.0)
     expect(not session.all("sample"), "single samples came with block = 1")
-    found = session.all("block")
-    _expect_steps(session, "block", [each["index"] for each in found], 8)
-    _expect_steps(session, "block", [each["time"] for each in found], 16)
-    first = found[0]["index"]
+    blocks = session.all("block")
+    _expect_steps(session, "block", [each["index"] for each in blocks], 8)
+    _expect_steps(session, "block", [each["time"] for each in blocks], 16)
+    first = blocks[0]["index"]
     expect(first == 0, f"the first block has the index {first}; expected 0")
-    put_out = {duty for each in found for duty in each["duty"]}
+    put_out = {duty for each in blocks for duty in each["duty"]}
     expect(put_out == {0}, f"blocks tell the duties {sorted(put_out)[:8]} where none was put out; expected 0")
 
 

@@ -81,8 +81,8 @@ def _silence_stops_the_motor(session: Session) -> None:
 
 def _speed(session: Session, last: int) -> float:
     """The speed over the last so many samples [counts/s], without its sign."""
-    found = session.some("sample")[-last:]
-    moved, took = (int(found[-1][name] - found[0][name]) for name in ("position", "time"))
+    samples = session.some("sample")[-last:]
+    moved, took = (int(samples[-1][name] - samples[0][name]) for name in ("position", "time"))
     return abs(moved) / max(1, took) * 1000
 
 
@@ -97,13 +97,13 @@ def _table_is_played(session: Session) -> None:
         session.say("table", first=first, count=8, last=int(first == 56), duty=expected[first : first + 8])
     session.ask("sampling", period=2, block=1)
     session.until("9 blocks", lambda: len(session.all("block")) >= 9, 1.0)
-    found = [duty for each in session.all("block")[:9] for duty in each["duty"]]
+    duties = [duty for each in session.all("block")[:9] for duty in each["duty"]]
     wrong = next(
-        (k for k, (a, b) in enumerate(zip(found, [*expected, *[0] * 8], strict=True)) if a != b), None
+        (k for k, (a, b) in enumerate(zip(duties, [*expected, *[0] * 8], strict=True)) if a != b), None
     )
     expect(
         wrong is None,
-        f"duty {wrong} of a table was told as {found[wrong or 0]}; expected {[*expected, *[0] * 8][wrong or 0]}",
+        f"duty {wrong} of a table was told as {duties[wrong or 0]}; expected {[*expected, *[0] * 8][wrong or 0]}",
     )
 
 

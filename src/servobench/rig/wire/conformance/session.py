@@ -83,15 +83,15 @@ class Session:
 
     def some(self, message: str) -> list[dict[str, Any]]:
         """Return the messages of that name that were heard; raises `DeviceError` where none was."""
-        found = self.all(message)
-        if not found:
+        messages = self.all(message)
+        if not messages:
             raise DeviceError(f"no {message.upper()} came")
-        return found
+        return messages
 
-    def until(self, what: str, found: Callable[[], Any], seconds: float = PATIENCE) -> Any:
-        """Hear until `found` returns something true, and return it; raises `DeviceError` where nothing came in time."""
+    def until(self, what: str, condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
+        """Hear until `condition` returns something true, and return it; raises `DeviceError` where nothing came in time."""
         begun = self.now()
-        while not (result := found()):
+        while not (result := condition()):
             if self.now() - begun >= seconds:
                 raise DeviceError(f"no {what} came within {seconds:g} s")
             self.hear()

@@ -13,7 +13,7 @@ from servobench.recordings.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Seen:
+class CheckRun:
     """The samples of a run: times `t` [s], `raw` counts as the counter shows them, and `counts` without its wraps, each (N,).
 
     The wraps are taken out by the width that the device says; `sensors` are current [A] and tachometer [rad/s], if any.
@@ -48,8 +48,8 @@ class Seen:
 
     def between(self, begin: float, end: float) -> Array:
         """Return the counts from one time [s] on, and before another; at least the sample that is nearest to the first."""
-        found = self.counts[(self.t >= begin) & (self.t < end)]
-        return found if len(found) else self.counts[[int(np.argmin(np.abs(self.t - begin)))]]
+        counts = self.counts[(self.t >= begin) & (self.t < end)]
+        return counts if len(counts) else self.counts[[int(np.argmin(np.abs(self.t - begin)))]]
 
     def at(self, time: float) -> float:
         """Return the counts at the last sample up to a time [s]."""
