@@ -35,6 +35,22 @@ def test_inspect_tells_channels_times_and_what_it_can_support(servobench: Comman
     assert "`servobench identify` can use it as it is: the output is a position in deg" in ended.out
 
 
+def test_inspect_says_of_data_that_identify_refuses_that_they_cannot_be_used(
+    servobench: Command, tmp_path: Path
+) -> None:
+    file = tmp_path / "grouped.csv"
+    rows = [f'"{0.01 * k:.2f}","{k % 20}","{7 * k:,}.5"\n' for k in range(400)]
+    file.write_text('"t [s]","u [V]","rpm"\n' + "".join(rows))
+
+    ended = servobench("inspect", file)
+
+    assert "can use it as it is" not in ended.out
+    assert (
+        "It can't be identified as it is: the column `rpm` has 257 cells of 400 that aren't numbers"
+        in ended.out
+    )
+
+
 def test_inspect_says_what_has_to_be_said(servobench: Command, tmp_path: Path) -> None:
     file = tmp_path / "bare.csv"
     file.write_text("a,b\n" + "1,2\n2,4\n3,9\n" * 5)

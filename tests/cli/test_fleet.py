@@ -142,7 +142,7 @@ def test_a_file_without_a_result_is_a_row_and_the_status(servobench: Command, tm
 
     assert ended.status == 2
     assert "2 motors: 1 trusted, 1 unusable" in ended.out
-    assert "torn.csv: the times: say, for example, --sample-time 0.02" in ended.out
+    assert "torn.csv: the times: say --sample-time SECONDS" in ended.out
     assert len(comparable(tmp_path / "out")) == 2
 
 

@@ -64,7 +64,7 @@ def test_python_is_reported_its_keyword_and_the_terminal_its_option(
     assert "--" not in str(error.value)
     said = servobench("identify", file, "--input", "u:V", "--output", "y:rad")
     assert said.status == 2
-    assert "--sample-time 0.02" in said.err
+    assert "--sample-time SECONDS" in said.err
     assert "sample_time=" not in said.err
 
 

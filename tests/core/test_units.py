@@ -209,3 +209,8 @@ def test_things_that_measure_differently_are_not_converted() -> None:
 def test_german_revolutions_a_minute_are_rpm_and_u_alone_is_no_unit() -> None:
     assert convert(60, "U/min", "rev/s") == pytest.approx(1)
     assert not is_unit("U")
+
+
+@pytest.mark.parametrize("symbol", ["1/min", "min^-1", "min-1", "min⁻¹"])
+def test_a_rotational_frequency_without_its_turn_is_a_speed(symbol: str) -> None:
+    assert convert(60, symbol, "rev/s") == pytest.approx(1)

@@ -326,6 +326,16 @@ def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() ->
     assert "V read as mV?" in asked
 
 
+@pytest.mark.parametrize(("largest", "is_doubted"), [(60, False), (200, True)])
+def test_volts_in_whole_numbers_beyond_any_usual_supply_are_doubted(largest: int, is_doubted: bool) -> None:
+    data = dataset(seed=1, kind="prbs")
+    result = identify(replace(data, u=largest / 3.0 * data.u))
+
+    [*asked] = [f.sentence for f in result.findings if f.code == "size-absurd"]
+    assert bool(asked) is is_doubted
+    assert not asked or "reaches 200 V in whole numbers, as raw counts" in asked[0]
+
+
 def test_the_sign_of_a_gain_that_nobody_knows_is_not_reported() -> None:
     from servobench.identification.trust.doubts.base import about_fit
 

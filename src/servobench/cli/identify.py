@@ -63,7 +63,8 @@ def identify(
 
     COL is a column's name, a variable's name in a .mat file, or a column's number, counted from 1; FILE#COL for a column of
     another file, 'COL*SIGN' for one whose sign stands in another column. UNIT decides whether the output is a position
-    (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm, rev/s, counts/s, m/s).
+    (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm, rev/s, counts/s, m/s); of a sensor in V it is the sensitivity,
+    such as 'tacho:7 V/krpm'.
     """
     from servobench.cli.conclusion import check_names, conclude, deliver, status_of
     from servobench.cli.each import identify_each

@@ -244,6 +244,7 @@ def _unit_in(recording: Recording, data: Dataset) -> str:
 
 def _support(look: _Look) -> tuple[list[str], list[Finding]]:
     """The recording's possible use, what has to be stated first, and the findings against using it."""
+    from servobench.core.finding import Severity, lower_first
     from servobench.identification.trust.doubts.base import about_data
 
     data = look.data
@@ -252,6 +253,9 @@ def _support(look: _Look) -> tuple[list[str], list[Finding]]:
         return ["To identify it, this is missing:", *questions], []
     if data is None:
         return [f"It can't be identified as it is: {with_options(look.against)}"], []
+    refusals = [each for each in data.findings if each.severity is Severity.REFUSAL]
+    if refusals:
+        return [f"It can't be identified as it is: {lower_first(with_options(refusals[0].sentence))}"], []
     text = (
         f"`servobench identify` can use it as it is: the output is a {data.kind} in {_unit_in(look.recording, data)}, "
         f"{data.duration:.4g} s long, the input {data.u.min():.4g} to {data.u.max():.4g} {data.input_unit}."

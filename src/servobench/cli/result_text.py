@@ -66,8 +66,12 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
         show_findings(console, rest, most, alike)
 
 
+_REMEDIES = {"rest-to-state"}
+"""Remarks on what the user may know, and what the data then tell."""
+
+
 def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
-    """Causes first, then refusals and, where only the data want something, warnings; of the others the number, or all."""
+    """Causes first, then refusals, remedies and, where only the data want something, warnings; of others the number, or all."""
     from servobench.identification.trust.explanations.base import is_cause
 
     if result.fit is not None and _determines_nothing(result):
@@ -75,17 +79,14 @@ def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
     _show_verdict(console, result.verdict)
     console.print()
     causes = [finding for finding in result.findings if is_cause(finding)]
+    severities = {Severity.REFUSAL, Severity.WARNING} if _determines_nothing(result) else {Severity.REFUSAL}
     refusals = [
         finding
         for finding in result.findings
-        if finding.severity is Severity.REFUSAL and finding not in causes
+        if finding not in causes and (finding.severity in severities or finding.code in _REMEDIES)
     ]
     show_findings(console, causes)
     show_findings(console, refusals)
-    if _determines_nothing(result):
-        refusals += [
-            each for each in result.findings if each.severity is Severity.WARNING and each not in causes
-        ]
     rest = [finding for finding in result.findings if finding not in causes and finding not in refusals]
     if all_findings:
         show_findings(console, rest)

@@ -78,7 +78,10 @@ _ALIASES = {
 _BEHIND_A_NUMBER = {"in": "inch"}  # by itself it ends too many names that aren't lengths
 _AS_SHOWN = ("counts", "°")  # other names that are written wherever a unit is shown
 _SHORT = {"dps": "deg/s", "rps": "rev/s"}
-_OF_THE_FIELD = {"U/min": "rpm", "Umdr/min": "rpm"}  # German: U alone is a voltage's symbol, and no unit
+_OF_THE_FIELD = {
+    "U/min": "rpm", "Umdr/min": "rpm",  # German: U alone is a voltage's symbol, and no unit
+    "1/min": "rpm", "min^-1": "rpm", "min-1": "rpm", "min⁻¹": "rpm",  # ISO 80000: a rotational frequency, with the turn left out
+}  # fmt: skip
 _LONGEST = 80  # characters; no unit needs more, and a longer text must not cost time or depth
 _SPELLINGS = str.maketrans(
     {"µ": "u", "μ": "u", "\u2126": "Ω"}

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from servobench.core.finding import Finding, info
 from servobench.identification.trust.doubts.base import about_data
+from servobench.recordings.formats.mapping import assign
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Recording
 from servobench.rig.motor.parameters import QUBE_SERVO_2
 from tests.contracts.finding_examples.base import TIME, Example, driven, sound
 from tests.datasets import QUANTUM, dataset
@@ -41,13 +43,6 @@ def _within_a_count() -> Dataset:
     """The shaft stands at the edge between two counts."""
     y = _square().y
     return replace(_square(), y=np.where(y > y.mean(), QUANTUM, 0.0))
-
-
-def _with_spikes() -> Dataset:
-    """Two values are 0.5 rad off."""
-    y = sound().y.copy()
-    y[[1000, 2000]] += 0.5
-    return replace(sound(), y=y)
 
 
 def _without(rows: NDArray[np.intp]) -> Dataset:
@@ -156,10 +151,28 @@ def _wrapped(size: float) -> Dataset:
     return measure(recording((data.y + size / 2) % size - size / 2, "rad", t=data.t_output, u=data.u))
 
 
+def _of_duty(unit: str) -> Recording:
+    """A column `duty` whose unit is said to be that."""
+    data = sound()
+    column = recording(data.y, "rad", t=data.t_output, u=data.u)
+    renamed = [
+        replace(each, channel=replace(each.channel, name="duty", unit=None)) for each in column.series[:1]
+    ]
+    return assign(replace(column, series=(*renamed, *column.series[1:]), input=None), input=f"duty{unit}")
+
+
 def _in_counts(size: float) -> Dataset:
     """Whole numbers times a size, which are called counts."""
     data = sound()
     return measure(recording(size * np.rint(100 * data.y), "counts", t=data.t_output, u=data.u))
+
+
+def _counted_in_each_row(missing: slice) -> Dataset:
+    """An encoder that is set back to zero in each row, without some of the rows."""
+    data = sound()
+    counts = np.diff(np.rint(100 * data.y), prepend=0.0)
+    left = np.delete(np.arange(len(counts)), missing)
+    return measure(recording(counts[left], "counts", t=data.t_output[left], u=data.u[left]), "accumulate")
 
 
 def _example(code: str, faulty: Callable[[], Dataset], like: Callable[[], Dataset]) -> Example:
@@ -181,6 +194,11 @@ EXAMPLES = (
         absent=lambda: _wrapped(1e6).findings,
     ),
     _example("chain-unknown", lambda: _differenced(""), lambda: _differenced("derivative")),
+    Example(
+        code="counts-lost",
+        raised=lambda: _counted_in_each_row(slice(1000, 1150)).findings,
+        absent=lambda: _counted_in_each_row(slice(0, 0)).findings,
+    ),
     Example(
         code="counts-not-whole",
         raised=lambda: _in_counts(0.5).findings,
@@ -207,12 +225,16 @@ EXAMPLES = (
     _example("motion-too-small", _within_a_count, _square),
     _example("output-clipped", _clipped, _square),
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
-    _example("output-spikes", _with_spikes, sound),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),
     _example("output-stops", _blocked_late, sound),
     _example("rest-to-state", lambda: begun(RISING), lambda: begun(RISING + 20.0)),
     _example("single-level", lambda: driven(np.where(TIME[:2000] < 0.4, 0.0, 2.0)), sound),
     _example("size-absurd", lambda: replace(sound(), u=1000 * sound().u), sound),
+    Example(
+        code="unit-contradicted",
+        raised=lambda: _of_duty(":V").findings,
+        absent=lambda: _of_duty(":%").findings,
+    ),
     _example("table-static", lambda: _table("sample-time-given"), lambda: _table("")),
     _example("time-uneven", lambda: _jittered(0.9), lambda: _jittered(0.0)),
     _example("time-unit-doubtful", lambda: _slow("time-recognised"), lambda: _slow("")),

@@ -73,6 +73,12 @@ def _near(level: float, swing: float) -> Fit:
 
 
 @cache
+def _about_rest(unit: str) -> Fit:
+    """A PRBS of a motor that stands still at an input of 50."""
+    return fitted(replace(sound(samples=2000), u=50.0 + 10.0 * sound(samples=2000).u, input_unit=unit))
+
+
+@cache
 def _ramp(rises: int) -> Fit:
     """From 0 to 3 V so many times in 10 s."""
     return fitted(driven(3.0 * ((rises * TIME / 10.0) % 1.0)))
@@ -139,6 +145,14 @@ def _one_way_that_reverses() -> Fit:
 
 
 @cache
+def _with_spikes() -> Fit:
+    """Two values are 0.5 rad off."""
+    y = sound(samples=2000).y.copy()
+    y[[700, 1400]] += 0.5
+    return fitted(replace(sound(samples=2000), y=y))
+
+
+@cache
 def _speed_up_to(limit: float) -> Fit:
     """The speed [rad/s] at many levels, measured with noise behind a sensor that ends at a limit."""
     random = np.random.default_rng(5)
@@ -156,8 +170,10 @@ EXAMPLES = (
     _example("gain-local", lambda: _near(3.0, 0.3), lambda: _near(0.0, 3.0)),
     _example("input-is-a-goal", lambda: _position_loop("rad"), lambda: _position_loop("V")),
     _example("input-is-reference", lambda: _of_data(input_unit="rad")),
+    _example("input-rests-off-zero", lambda: _about_rest("%"), lambda: _about_rest("V")),
     _example("input-too-slow", lambda: _ramp(1), lambda: _ramp(10)),
     _example("kind-mistaken", _as_speed),
+    _example("output-spikes", _with_spikes),
     _example("structure-reverses", _one_way_that_reverses),
     Example(
         code="lag-not-split",

@@ -22,7 +22,7 @@ from tests.contracts.finding_examples.base import (
     staircase,
     told,
 )
-from tests.datasets import dataset
+from tests.datasets import QUANTUM, dataset
 from tests.identification.trust.test_explanations import two_masses
 from tests.identification.trust.test_missing_terms import odd
 
@@ -83,6 +83,19 @@ def _lagging() -> Dataset:
     return told(u, lfilter([0.0, 1.0 - kept], [1.0, -kept], u))
 
 
+def _driven_in_steps(slower: float) -> Dataset:
+    """A motor at random levels of one sign, 0.5 s each, that slows down so many times as slowly as it speeds up (0.1 s)."""
+    u = np.repeat(np.random.default_rng(2).uniform(0.5, 3.0, 20), 250)
+    speed, turned = np.zeros(5000), np.zeros(5000)
+    for n in range(1, 5000):
+        wanted = 24.0 * u[n - 1]
+        tau = 0.1 if wanted > speed[n - 1] else 0.1 * slower
+        decay = np.exp(-0.002 / tau)
+        speed[n] = wanted + (speed[n - 1] - wanted) * decay
+        turned[n] = turned[n - 1] + wanted * 0.002 - tau * (speed[n] - speed[n - 1])
+    return replace(driven(u), y=(np.floor(turned / QUANTUM) + 0.5) * QUANTUM)
+
+
 def _example(code: str, faulty: Callable[[], Dataset], like: Callable[[], Dataset]) -> Example:
     def of(made: Callable[[], Dataset]) -> list[Finding]:
         return explain([made()])
@@ -92,6 +105,7 @@ def _example(code: str, faulty: Callable[[], Dataset], like: Callable[[], Datase
 
 EXAMPLES = (
     _example("clock-drift", _drifting, sound),
+    _example("coasts", lambda: _driven_in_steps(2.5), lambda: _driven_in_steps(1.0)),
     _example("dead-zone", _dead_zone, lambda: driven(sines())),
     _example("delay-negative", _early, sound),
     _example("gain-falls", _clipped, lambda: driven(staircase())),

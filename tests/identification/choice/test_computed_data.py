@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import servobench as sb
+from tests.datasets import dataset
 
 GAIN, TIME_CONSTANT, STEP = 20.0, 0.1, 0.002  # rad/(s·V), s, s
 
@@ -38,3 +42,21 @@ def test_a_little_noise_makes_it_a_measurement() -> None:
 
     assert "output-computed" not in {finding.code for finding in result.findings}
     assert result["gain"].sd > computed((-3.0, 3.0))["gain"].sd
+
+
+def test_the_steps_of_an_encoder_on_a_long_way_are_no_rounding_of_arithmetic() -> None:
+    """An exact motor without friction, θ = K ∫u - τ ω, at levels of one sign; a count is 2e-9 of the whole way."""
+    u = np.repeat(np.random.default_rng(2).uniform(1.0, 3.0, 20), 100)
+    decay = np.exp(-STEP / TIME_CONSTANT)
+    speed = lfilter([0.0, GAIN * (1 - decay)], [1.0, -decay], u)
+    exact = GAIN * STEP * np.concatenate([[0.0], np.cumsum(u[:-1])]) - TIME_CONSTANT * speed
+    count = 2e-9 * np.ptp(exact)
+    t = STEP * np.arange(len(u))
+    computed_data = replace(
+        dataset(seed=0, samples=2, y=np.zeros(2)), t_input=t, u=u, t_output=t, y=exact, quantum=None
+    )
+    counted = replace(computed_data, y=(np.floor(exact / count) + 0.5) * count, quantum=count)
+    codes = [{finding.code for finding in sb.identify(data).findings} for data in (computed_data, counted)]
+
+    assert "output-computed" in codes[0]
+    assert "output-computed" not in codes[1]

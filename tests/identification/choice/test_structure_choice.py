@@ -12,7 +12,10 @@ from scipy import signal
 from servobench import PRBS, Experiment, measure, run
 from servobench.core.errors import UsageError
 from servobench.core.finding import Verdict
+from servobench.identification.choice.structure_choice import _candidate_terms
+from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
 from servobench.identification.result import Result
 from servobench.rig.devices.twin import Twin, TwinSettings
 from tests.datasets import dataset
@@ -114,6 +117,15 @@ def test_a_random_torque_is_not_taken_for_friction_or_gravity() -> None:
     for seed in range(3):
         result = identify(odd_record(OddMotor(), 20 + seed, samples=2500, torque=0.02))
         assert not codes(result) & RUNGS
+
+
+def test_a_torque_that_makes_much_of_the_output_is_not_believed_before_each_term_is_tried() -> None:
+    for torque, tried in ((3e-3, True), (1e-6, False)):
+        data = dataset(seed=1, kind="prbs", samples=1500, torque_noise=torque)
+        fit = ESTIMATORS["prediction_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+
+        assert (fit.fit_percent < 90) is tried
+        assert ("gravity" in _candidate_terms((), fit)) is tried
 
 
 def test_a_structure_that_is_asked_for_is_not_climbed_from() -> None:

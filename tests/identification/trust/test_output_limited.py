@@ -64,3 +64,10 @@ def test_a_gain_that_falls_by_a_third_has_a_size_and_is_no_limit() -> None:
     bent = np.sign(simulated()) * np.minimum(np.abs(simulated()), 30.0 + 0.67 * (np.abs(simulated()) - 30.0))
 
     assert codes(bent) == []
+
+
+def test_a_shaft_that_stands_where_the_model_turns_is_no_limit() -> None:
+    """Friction holds it under the larger inputs at the beginning, and no longer once it is warm."""
+    held = np.where(simulated() > 0.7 * simulated().max(), 0.0, simulated())
+
+    assert codes(held) == []

@@ -54,3 +54,13 @@ def test_a_coarse_position_does_not_look_like_rest() -> None:
     counts = np.floor(0.3 * np.arange(len(TIME)))
 
     assert not hints(replace(begun(counts, "position"), quantum=1.0))
+
+
+@pytest.mark.parametrize("kind", ["speed", "position"])
+def test_a_rest_of_a_few_rows_only_is_asked_about(kind: str) -> None:
+    y = np.concatenate([np.zeros(5), (RISING if kind == "speed" else TURNED)[:-5]])
+    u = np.where(np.arange(len(TIME)) < 5, 0.0, 2.0)
+
+    (hint,) = hints(begun(y, kind, u))
+    assert hint.sentence.startswith("The input is on after a few rows, in which the shaft seems to stand.")
+    assert not hints(begun(y + 20.0, "speed", u)), "it turned"

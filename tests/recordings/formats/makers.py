@@ -184,8 +184,20 @@ def wpilog_sysid(path: Path) -> None:
     path.write_bytes(wpilogs.sysid())
 
 
+def _json_table(path: Path) -> None:
+    rows = [{"t": t, "u": u, "y": y} for t, u, y in zip(T.tolist(), U.tolist(), Y.tolist(), strict=True)]
+    path.write_text(json.dumps(rows))
+
+
+def _teleplot(path: Path) -> None:
+    rows = zip(T.tolist(), U.tolist(), Y.tolist(), strict=True)
+    path.write_text("".join(f">u:{1000 * t}:{u}\n>y:{1000 * t}:{y}§rad\n" for t, u, y in rows))
+
+
 MAKERS: dict[str, Callable[[Path], None]] = {
     "lvm": _lvm,
+    "json_table": _json_table,
+    "teleplot": _teleplot,
     "sysid_json": _sysid_json,
     "servo_bench_json": servo_bench_json,
     "tdms foreign": _foreign_tdms,

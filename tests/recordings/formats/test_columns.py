@@ -37,6 +37,8 @@ def table(*headers: str, **values: np.ndarray) -> Recording:
         ("omega / rad/s", "omega", "rad/s"),
         ("omega in rad/s", "omega", "rad/s"),
         ("Speed, rpm", "Speed", "rpm"),
+        ("Drehzahl [1/min]", "Drehzahl", "1/min"),
+        ("n / 1/min", "n", "1/min"),
         ("gain (rad/(s·V))", "gain", "rad/(s·V)"),
         ("ratio [-]", "ratio", "1"),
         ("  spread \t  out  [V] ", "spread out", "V"),

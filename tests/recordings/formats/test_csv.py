@@ -159,7 +159,7 @@ def test_each_thing_that_is_wrong_is_reported_with_the_rows_of_the_file(tmp_path
         "row-long": (5, 5),
         "cell-empty": (6, 6),
         "cell-not-a-number": (7, 7),
-        "row-without-numbers": (10, 10),
+        "header-repeated": (10, 10),
         "time-gap": (6, 6),
         "cell-nan": (9, 9),
     }

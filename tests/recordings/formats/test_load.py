@@ -123,7 +123,9 @@ def test_json_of_another_program_is_an_error_that_says_which_json_is_read(tmp_pa
     file = tmp_path / "settings.json"
     file.write_text('{"mass": 0.5, "colour": "red"}')
 
-    with pytest.raises(FormatError, match=r"not of SysId or a servo bench: .* has 'mass', 'colour'"):
+    with pytest.raises(
+        FormatError, match=r"no table: it has `mass`, `colour`. .* a file of SysId or a servo bench"
+    ):
         load(file)
 
 

@@ -84,7 +84,7 @@ def test_all_that_is_missing_is_asked_for_at_once_each_with_its_option() -> None
     assert len(asked) == 3
     assert "`input=COL:UNIT`; the columns are `Channel 1`, `Channel 2`" in asked[0]
     assert "`output=COL:UNIT`" in asked[1]
-    assert "`sample_time=0.02`" in asked[2]
+    assert "`sample_time=SECONDS`" in asked[2]
 
 
 def test_the_error_names_the_file() -> None:
@@ -239,6 +239,23 @@ def test_what_was_commanded_and_what_was_applied_are_not_two_motors() -> None:
 
     assert "motors" not in asked[0]
     assert "Of several motors, name one: `input=left`" in sides[0]
+
+
+def test_columns_that_differ_by_a_number_are_called_by_their_whole_names() -> None:
+    asked = missing(made("Channel 1", "Channel 2", "y", y="rad", **{"Channel 1": "V", "Channel 2": "V"}))
+
+    assert '`input="Channel 1"` or `input="Channel 2"`' in asked[0]
+    assert "`input=1`" not in asked[0]
+
+
+def test_input_and_output_of_a_controllers_log_are_asked_for_and_not_taken_by_name() -> None:
+    asked = missing(made("setpoint", "input", "output"))
+    alone = missing(made("input", "output"))
+
+    assert "`input` is what it measures, and `output` what drives the motor" in asked[0]
+    assert "say `input=output:UNIT`, otherwise `input=input:UNIT`" in asked[0]
+    assert "say `output=input:UNIT`" in asked[1]
+    assert "what it measures" not in " ".join(alone)
 
 
 def test_a_unit_said_under_another_name_of_it_is_no_contradiction() -> None:

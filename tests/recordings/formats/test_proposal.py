@@ -71,7 +71,7 @@ def test_samples_without_times_are_asked_for_them(tmp_path: Path) -> None:
     text = proposal([recording])
 
     assert '\n# time = "COL:s"\n' in text
-    edited = text.replace('# sample_time = "20 ms"', 'sample_time = "20 ms"')
+    edited = text.replace('# sample_time = "SECONDS"', 'sample_time = "20 ms"')
     assert read(edited, tmp_path).assign_to(recording)["u"].t == pytest.approx(0.02 * np.arange(40))
 
 

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servobench.recordings.formats.times import in_words, keep_increasing, time_base, time_findings
+from servobench.recordings.formats.times import (
+    in_words,
+    keep_increasing,
+    mean_step,
+    time_base,
+    time_findings,
+)
 from tests.recordings.formats.tables import codes
 
 
@@ -87,3 +93,25 @@ def test_rows_are_put_into_words() -> None:
     assert in_words(np.array([7])) == "row 7"
     assert in_words(np.array([7, 8, 9])) == "rows 7 to 9"
     assert in_words(np.array([7, 90]), "sample") == "2 samples from 7 to 90"
+
+
+def test_the_mean_of_rounded_times_is_known_to_one_count_between_the_ends() -> None:
+    step = mean_step(np.floor(0.1 * np.arange(400) + 0.74))  # 10 Hz, whole seconds: 0 to 40
+
+    assert step is not None
+    assert step.step == pytest.approx(40 / 399)
+    assert step.resolution == pytest.approx(1 / 399)
+    assert step.figure == 0.1
+
+
+def test_a_mean_step_leaves_out_a_pause_and_an_overflow() -> None:
+    t = np.concatenate([0.01 * np.arange(100), 900 + 0.01 * np.arange(100), 0.01 * np.arange(100)])
+    step = mean_step(t)
+
+    assert step is not None
+    assert step.step == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("t", [np.zeros(20), np.full(5, np.nan), -np.arange(20.0), np.array([])])
+def test_times_that_never_grow_have_no_mean_step(t: np.ndarray) -> None:
+    assert mean_step(t) is None

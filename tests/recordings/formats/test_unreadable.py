@@ -53,5 +53,14 @@ def test_texts_in_a_column_that_nobody_uses_are_only_reported(tmp_path: Path) ->
     assert finding(found, "column-not-numbers").severity is Severity.INFO
 
 
+def test_texts_in_a_column_of_another_file_that_nobody_uses_are_only_reported(tmp_path: Path) -> None:
+    (tmp_path / "other.csv").write_text(table(50, "idle", column="z"))
+    own = loaded(tmp_path, table(0, ""))
+
+    found = assign(own, input=f"{tmp_path / 'other.csv'}#u:V").findings
+
+    assert finding(found, "column-not-numbers").severity is Severity.INFO
+
+
 def test_a_column_of_words_alone_is_no_damage(tmp_path: Path) -> None:
     assert "column-not-numbers" not in codes(loaded(tmp_path, table(200, "idle", column="z")).findings)

@@ -55,6 +55,7 @@ def about_computed() -> Finding:
 
 
 def _is_rounding(fit: Fit) -> bool:
-    """Whether a fit leaves nothing but the rounding of the arithmetic."""
+    """Whether a fit leaves nothing but the rounding of the arithmetic, which that of a sensor's own steps isn't."""
     spread = max(float(np.ptp(record.data.y)) for record in fit.records)
-    return fit.residual_sd <= _ROUNDING * spread
+    steps = max(record.data.quantum or 0.0 for record in fit.records)
+    return max(fit.residual_sd, steps) <= _ROUNDING * spread

@@ -47,6 +47,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the winding there is none
 # Terms that hide the others if they are large come first; an arm may need both of the first two before either is determined.
+_MOSTLY_MOTOR = 90.0  # percent of the output that a simulation explains
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
 # Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
@@ -327,10 +328,15 @@ def _candidate_terms(shown: Sequence[TermScore], fit: Fit) -> list[str]:
     ]  # two poles bend all else, and are fitted in no time
     if sum(len(record.data.y) for record in fit.records) >= _LARGE and fit.fit_percent >= _NEARLY_ALL:
         return first
-    if not explains_the_colour(fit):
+    if not explains_the_colour(fit) or _mostly_disturbance(fit):
         return list(dict.fromkeys([*first, *_BY_TRIAL, *significant]))
     # Friction was looked for before gravity was known, and so in vain.
     return ["coulomb", *significant] if fit.structure == "first_order_gravity" else significant
+
+
+def _mostly_disturbance(fit: Fit) -> bool:
+    """Whether a random torque makes more of the output than one beside a motor does: it can stand for any term."""
+    return fit.disturbance is not None and fit.fit_percent < _MOSTLY_MOTOR
 
 
 def _significant_terms(shown: Sequence[TermScore]) -> list[str]:

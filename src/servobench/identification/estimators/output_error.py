@@ -38,6 +38,7 @@ from servobench.identification.estimators.least_squares import (
     square_jacobians,
 )
 from servobench.identification.estimators.near_bounds import intervals_near_bounds
+from servobench.identification.estimators.one_sine import with_neighbours
 from servobench.identification.estimators.other_minima import other_minima
 from servobench.identification.estimators.repetition import fold, period, repeats
 from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
@@ -88,7 +89,9 @@ class OutputError:
         self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
     ) -> Fit:
         """Return the best fit found from the start vectors, or from the structure's guesses where there are none."""
-        minimum = best_minimum(structure, data, starts or structure.guesses(data))
+        minimum = with_neighbours(
+            structure, data, best_minimum(structure, data, starts or structure.guesses(data))
+        )
         minimum = with_usual_friction(structure, data, with_usual_sign(structure, data, minimum))
         return fit_minimum(structure, data, minimum)
 

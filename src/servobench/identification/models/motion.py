@@ -14,6 +14,8 @@ from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 _RARE = 1.5  # times what two readings of a shaft at rest may differ by: the most of a thousand of them do by more than that once
 
 
+_ONE = 0.9  # of an input's power in one line of its spectrum: a sine
+_PERIODS = 3  # of a sine in a record: fewer are a step or a ramp
 _BACK = 0.1  # of the way: a position that comes back as far turned round
 
 
@@ -85,3 +87,10 @@ def check_moves(data: Dataset, parameters: int) -> None:
             f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the shaft was blocked, "
             "the encoder isn't connected, or it's the wrong column; leave it out, or record the motor while it turns"
         )
+
+
+def is_one_sine(u: Array) -> bool:
+    """Return whether nearly all of an input u (N,) on an even grid is one sine: that tells two numbers, and no order."""
+    power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(len(u)))) ** 2
+    at = int(np.argmax(power))
+    return bool(at >= _PERIODS and power[at - 2 : at + 3].sum() > _ONE * power.sum())

@@ -9,15 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.errors import UsageError
+from servobench.core.errors import UnitError, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.columns import TIME_NAMES, Heading, heading, quote, time_unit
+from servobench.recordings.formats.likely_units import pulse_remedy, unit_examples
 from servobench.recordings.formats.roles import (
     REFERENCE_NAMES,
     VOLTS_BY_CONVENTION,
     ColumnSpec,
     Role,
+    controller_columns,
     find_series,
     full_scale,
     may_be_supply,
@@ -28,16 +30,10 @@ from servobench.recordings.formats.roles import (
     shell_text,
     sides_of,
 )
+from servobench.recordings.formats.sensitivity import Sensitivity, sensitivity
 from servobench.recordings.recording import Recording, Series
 
 _MEANING = {"input": "what drives the motor", "output": "what was measured of the motor"}
-_EXAMPLES = {
-    "input": ("V",),
-    "output": ("deg", "deg/s"),
-    "reference": ("deg",),
-    "supply": ("V",),
-    "current": ("A",),
-}
 
 
 def spec_of(column: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
@@ -94,12 +90,14 @@ def choose(
         )
         findings.append(info("unit-by-convention", sentence))
     if symbol is None:
-        examples = " or ".join(shell_text(f"{name}:{unit}") for unit in _EXAMPLES[role])
+        examples = unit_examples(role, series)
         return (
             f"the unit of the {role} `{name}`: say `{role}={shell_text(f'{name}:UNIT')}`, such as {examples}"
         )
     if (scale := full_scale(symbol)) is not None:
         return _duty_of_counts(recording, role, series, scale, findings)
+    if role == "output" and (scaled := sensitivity(symbol)) is not None:
+        return _of_sensor(recording, series, scaled, findings)
     _check_unit(recording, role, series, symbol)
     if unit_text not in (None, symbol) and not _is_the_same(unit_text, symbol):
         findings.append(
@@ -140,6 +138,22 @@ def _duty_of_counts(
     return Choice(series=duty, findings=(*findings, info("duty-scaled", sentence)))
 
 
+def _of_sensor(recording: Recording, series: Series, scaled: Sensitivity, findings: list[Finding]) -> Choice:
+    """The output as a position or a speed, of what a sensor gives and its sensitivity."""
+    name, given_in = series.channel.name, series.channel.unit
+    try:
+        factor = scaled.factor_from(given_in)
+    except UnitError:
+        raise UsageError(
+            f"{recording.name}: the output `{name}` is in {given_in}, and `{scaled}` is for something in {scaled.per}; expected "
+            f"a sensitivity for {given_in}"
+        ) from None
+    channel = replace(series.channel, unit=scaled.unit, minimum=None, maximum=None, resolution=None)
+    shaft = Series(channel=channel, values=factor * series.values, t=series.t)
+    sentence = f"`{name}` is read with {scaled}."
+    return Choice(series=shaft, findings=(*findings, info("output-scaled", sentence)))
+
+
 def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -> None:
     name, what = series.channel.name, unit(symbol).quantity
     if role == "supply" and what != "voltage":
@@ -147,13 +161,15 @@ def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -
     if role == "current" and what != "current":
         raise UsageError(f"{recording.name}: the current `{name}` is in {symbol}; expected A or mA")
     if role == "output" and what not in {"position", "speed"}:
+        example = shell_text(f"{name}:142.9 rpm/V")
         raise UsageError(
-            f"{recording.name}: the output `{name}` is in {symbol}; expected a position (rad, deg, rev, counts, m) or a speed "
-            "(rad/s, deg/s, rpm, rev/s, counts/s, m/s)"
+            f"{recording.name}: the output `{name}` is in {symbol}; expected a position (rad, deg, rev, counts, m), a speed "
+            f"(rad/s, deg/s, rpm, rev/s, counts/s, m/s), or a sensor's sensitivity, such as `output={example}`"
         )
     if role == "input" and what == "time":
         raise UsageError(
-            f"{recording.name}: the input `{name}` is in {symbol}; expected V, % or the like, not a time"
+            f"{recording.name}: the input `{name}` is in {symbol}; expected V, % or the like, not a time. "
+            f"{pulse_remedy(_in_unit(series, symbol))}"
         )
 
 
@@ -168,6 +184,14 @@ def _holds_the_times(series: Series) -> bool:
 
 def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: Sequence[str]) -> str:
     """The sentence that asks which column has a role, of those with such a name or else those that measure the right thing."""
+    if (columns := controller_columns(recording)) is not None and columns[0] not in taken:
+        measured, drive = columns
+        likely, other = (drive, measured) if role == "input" else (measured, drive)
+        return (
+            f"which column is the {role}: in a controller's log `{measured}` is what it measures, and `{drive}` what drives the "
+            f"motor. If this is one, say `{role}={_with_unit(recording, likely)}`, otherwise "
+            f"`{role}={_with_unit(recording, other)}`"
+        )
     wanted = {"voltage", "duty"} if role == "input" else {"position", "speed"}
     names = _free_columns(recording, role, taken)
     possible = [name for name in names if not may_be_supply(name)]
@@ -185,7 +209,12 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
         options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
         sentence = f"which column is the {role}, as {quote(candidates)} may be: say {options}"
         sides = sides_of(candidates)
-        if not sides:
+        pulses = [
+            recording[each] for each in candidates if quantity_of(recording[each].channel.unit) == "time"
+        ]
+        if pulses and role == "input":
+            return f"{sentence}. {pulse_remedy(pulses[0])}"
+        if not sides or sides[0].isdecimal():  # which would be a column's number
             return sentence
         example = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
         return f"{sentence}. Of several motors, name one: `{role}={shell_text(example)}`"
@@ -241,8 +270,9 @@ def _varies(values: Array) -> bool:
 
 
 def _with_unit(recording: Recording, name: str) -> str:
-    """A column as it has to be said, with a place for its unit where that isn't known."""
-    return shell_text(name if recording[name].channel.unit else f"{name}:UNIT")
+    """A column as it has to be said, with a place for its unit where that isn't known, or is that of a time."""
+    symbol = recording[name].channel.unit
+    return shell_text(name if symbol and quantity_of(symbol) != "time" else f"{name}:UNIT")
 
 
 def long_columns(recording: Recording) -> str:

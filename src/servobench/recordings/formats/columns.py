@@ -14,6 +14,7 @@ from servobench.core.channels import Array, Channel
 from servobench.core.finding import Finding, info
 from servobench.core.rounding import count_text
 from servobench.core.units import is_unit, unit
+from servobench.recordings.formats.epoch import epoch_unit
 from servobench.recordings.formats.times import is_out_of_order, time_base, time_findings
 from servobench.recordings.recording import Recording, Series, Source
 
@@ -28,6 +29,7 @@ LARGEST_WHOLE = 2.0**53
 TIME_NAMES = frozenset(
     {"t", "time", "times", "timestamp", "timestamps", "time_stamp", "elapsed", "elapsed_time", "clock"}
     | {"sec", "secs", "seconds", "ms", "millis", "milliseconds", "us", "micros", "microseconds"}
+    | {"ns", "nanos", "nanoseconds"}
     | {"zeit", "temps", "tempo", "tiempo"}
 )
 """The names of a column of times, in lower case, once a unit is taken away."""
@@ -41,6 +43,7 @@ _LAST_WORDS = ("_time", "_timestamp")  # of a name that has a unit of time: `ros
 _ENDINGS = {
     "ms": "ms", "us": "us", "sec": "s", "secs": "s", "seconds": "s",
     "millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
+    "ns": "ns", "nanos": "ns", "nanoseconds": "ns",
     "deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad", "counts": "counts", "rpm": "rpm",
     "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "millivolts": "mV", "V": "V", "mV": "mV", "percent": "%",
     "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
@@ -308,18 +311,21 @@ def _find_times(columns: Sequence[Column], rows: Rows | None) -> tuple[list[_Tim
         with np.errstate(over="ignore"):
             t = alike[0].values if factor == 1.0 else alike[0].values * factor
         recognised.append(_Times(folder=folder, t=t))
-        findings.append(_time_finding(alike[0].heading, symbol, t))
+        findings.append(_time_finding(alike[0], symbol, t))
         findings.extend(time_findings(t, rows))
     return recognised, findings
 
 
-def _time_finding(heading: Heading, symbol: str, t: Array) -> Finding:
-    step = time_base(t).median_step
-    sentence = f"`{heading.name}` is used as the time, in {symbol}: its median step is {step:.4g} s."
-    if heading.unit is None:
+def _time_finding(column: Column, symbol: str, t: Array) -> Finding:
+    step, name = time_base(t).median_step, column.heading.name
+    sentence = f"`{name}` is used as the time, in {symbol}: its median step is {step:.4g} s."
+    dates = epoch_unit(column.values)
+    if column.heading.unit is None and dates not in (None, symbol):
         sentence += (
-            f" The unit is by convention; if it is wrong, say `time={heading.name}:ms` or the right unit."
+            f" The unit is by convention; in {dates} the times would be dates: say `time={name}:{dates}`."
         )
+    elif column.heading.unit is None:
+        sentence += f" The unit is by convention; if it is wrong, say `time={name}:ms` or the right unit."
     return info("time-recognised", sentence)
 
 

@@ -19,6 +19,7 @@ from servobench.core.units import unit
 from servobench.recordings.formats.choice import Choice, choose, spec_of
 from servobench.recordings.formats.direction import missing_sign
 from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
+from servobench.recordings.formats.likely_units import about_input_unit
 from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role, shell_text
 from servobench.recordings.formats.supply import constant, motor_voltage
 from servobench.recordings.formats.timing import assign_times, seconds
@@ -85,11 +86,20 @@ def assign(
         chain=chain.strip() or recording.chain,
         findings=(*before, *roles.findings, *about_samples),
     )
+    result = _with_unit_doubt(result, recording)
     if counts_per_rev is not None:
         result = _with_turn(result, counts_per_rev)
     if roles.is_scaled:  # what was before is in another unit
         result = replace(result, input_before=None)
     return result if supply is None else motor_voltage(result, roles.series.get("supply"), volts)
+
+
+def _with_unit_doubt(result: Recording, recording: Recording) -> Recording:
+    """The result with a doubt of the input's unit, where its name or its values contradict it; `recording` is as it was read."""
+    driven = result[str(result.input)]
+    name = driven.channel.name
+    from_file = name in recording and recording[name].channel.unit is not None
+    return replace(result, findings=(*result.findings, *about_input_unit(driven, from_file)))
 
 
 def _with_turn(recording: Recording, counts_per_rev: float) -> Recording:

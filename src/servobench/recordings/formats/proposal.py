@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import wrap
 
+from servobench.recordings.formats.clock_columns import clock_columns
 from servobench.recordings.formats.columns import TIME_NAMES
 from servobench.recordings.formats.describe import Description, describe
 from servobench.recordings.formats.mapping import toml_value
@@ -131,9 +132,15 @@ def _time(recording: Recording, known: str | None) -> list[_Entry]:
         _Entry(
             key="sample_time",
             comment="Or, for evenly spaced samples, instead of a column:",
-            choices=("20 ms",),
+            choices=(_sample_time(recording),),
         ),
     ]
+
+
+def _sample_time(recording: Recording) -> str:
+    """The sample time that a column of rounded times or of time steps shows, or a place for it."""
+    steps = [each.steps[0].figure for each in clock_columns(recording) if len(each.steps) == 1]
+    return f"{steps[0]:.6g} s" if len(steps) == 1 else "SECONDS"
 
 
 def _role(recording: Recording, role: Role, known: str | None) -> _Entry:

@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 from unicodedata import combining, normalize
 
+import numpy as np
+
 from servobench.core.errors import UnitError, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.base import load
 from servobench.recordings.formats.columns import REMARK, bare_name, heading
 from servobench.recordings.formats.direction import with_sign
+from servobench.recordings.formats.sensitivity import sensitivity
+from servobench.recordings.formats.unreadable import demote_unused
 from servobench.recordings.recording import Recording, Series
 
 Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
@@ -38,7 +42,8 @@ INPUT_NAMES = VOLTS_BY_CONVENTION | {
 
 OUTPUT_NAMES = frozenset({
     "y", "theta", "θ", "phi", "omega", "ω", "position", "pos", "angle", "speed", "velocity", "vel", "rpm",
-    "counts", "encoder", "encoder_counts", "tachometer", "motor_speed", "motor_position", "motor_angle",
+    "counts", "encoder", "encoder_counts", "enc", "enc_count", "enc_counts", "count", "cnt", "pulses", "pulse_count",
+    "tachometer", "motor_speed", "motor_position", "motor_angle",
     "shaft_speed", "shaft_angle", "angular_velocity", "angular_speed", "angular_position", "angular_rate",
     "motor_velocity", "motor_vel", "motor_pos", "joint_position", "joint_velocity", "present_position", "present_velocity",
     "omega_m", "ω_m", "theta_m", "θ_m", "theta_dot", "thetadot", "dtheta",
@@ -47,6 +52,7 @@ OUTPUT_NAMES = frozenset({
     "measured_speed", "measured_velocity", "measured_position", "measured_angle",
     "velocidad", "velocidade", "velocita", "vitesse", "geschwindigkeit", "drehzahl", "posicion", "posicao", "posizione",
     "angulo", "angolo", "winkel", "salida", "saida",
+    *(f"tim{timer}_cnt" for timer in range(1, 25)),  # the registers in which STM32 timers count an encoder's edges
 })  # fmt: skip
 """The names by which a motor's measured output is recognised, in lower case and without a unit."""
 
@@ -95,7 +101,7 @@ class ColumnSpec:
     """A column as a user names it, `COL[:UNIT]`: a header's name, a variable's, or a column's number counted from 1.
 
     `FILE#COL` is a column of another file, `COL*SIGN` one whose sign stands in another column. The unit `PWM/885` is that of
-    a duty in raw counts, with 885 for 100 %.
+    a duty in raw counts, with 885 for 100 %, and `142.9 rpm/V` says what a sensor's output in V stands for.
     """
 
     column: str
@@ -105,7 +111,7 @@ class ColumnSpec:
     def parse(cls, text: str) -> ColumnSpec:
         """Return the column in a text; what follows the last colon is a unit only if it is one that is known."""
         column, _, tail = text.rpartition(":")
-        if column and (is_unit(tail) or full_scale(tail) is not None):
+        if column and (is_unit(tail) or full_scale(tail) is not None or sensitivity(tail) is not None):
             return cls(column=column, unit=tail.strip())
         return cls(column=text)
 
@@ -133,6 +139,9 @@ def recognise(recording: Recording, role: Role, without: Sequence[str] = ()) -> 
         if each.channel.name not in without and not (role == "input" and may_be_supply(each.channel.name))
     ]
     fitting = [each for each in series if _fits(role, plain_name(each.channel.name), each.channel.unit)]
+    fitting = [each for each in fitting if not _numbers_the_rows(each)]
+    if (columns := controller_columns(recording)) is not None:
+        fitting = [each for each in fitting if each.channel.name not in columns]
     if role == "output":
         fitting = fitting or [each for each in series if _fits_by_its_unit(each)]
     matches = []
@@ -145,6 +154,27 @@ def recognise(recording: Recording, role: Role, without: Sequence[str] = ()) -> 
         sentence = f"{text}; if that is wrong say `{role}=COL:UNIT`."
         matches.append(RoleMatch(name=name, unit=symbol, finding=info(_RECOGNISED[role], sentence)))
     return tuple(matches)
+
+
+def controller_columns(recording: Recording) -> tuple[str, str] | None:
+    """Return the columns `input` and `output` of a controller's log, which it measures and by which it drives the motor.
+
+    None where there is no reference beside the two: then they are more likely the motor's. Source: PID_v1 of the Arduino.
+    """
+    columns = {plain_name(each.channel.name): each.channel.name for each in recording.series}
+    if not columns.keys() & REFERENCE_NAMES or not {"input", "output"} <= columns.keys():
+        return None
+    return columns["input"], columns["output"]
+
+
+def _numbers_the_rows(series: Series) -> bool:
+    """Whether a `count` rises by one from each row to the next, as one of rows does, and none of an encoder's edges."""
+    values = series.values
+    return (
+        plain_name(series.channel.name) in {"count", "cnt"}
+        and len(values) > 2
+        and bool((np.diff(values) == 1.0).all())
+    )
 
 
 def _fits_by_its_unit(series: Series) -> bool:
@@ -375,6 +405,6 @@ def _in_other_file(
     channel = replace(series.channel, name=name)
     return replace(series, channel=channel), [
         info("column-from-other-file", sentence),
-        *others[0].findings,
+        *demote_unused(others[0].findings, [series.channel.name]),
         *findings,
     ]

@@ -1,7 +1,8 @@
 """The blocks of rows in a text table: runs one after the other in one file, with blank lines between them, as gnuplot has them.
 
-A new recording begins where the recognised time goes back after a blank line, and after two blank lines or more, which separate
-data sets in gnuplot (`help index`); those must leave at least two rows in every block, or else they are a way of spacing lines.
+A new recording begins where the recognised time goes back after a blank line or repeated names of the columns, and after two
+blank lines or more, which separate data sets in gnuplot (`help index`); those must leave at least two rows in every block, or
+else they are a way of spacing lines.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ def blocks(table: Table) -> list[slice]:
     if len(times) == 1:
         with np.errstate(over="ignore", invalid="ignore"):
             back = np.diff(table.values[:, times[0]]) < 0
-        begins.update((np.flatnonzero((blank >= 1) & back) + 1).tolist())
+        headers = np.diff(np.searchsorted(table.headers, table.rows))
+        begins.update((np.flatnonzero((blank + headers >= 1) & back) + 1).tolist())
     edges = [0, *sorted(begins), len(table.rows)]
     return [slice(a, b) for a, b in pairwise(edges)]
 
@@ -43,7 +45,12 @@ def about_blocks(table: Table, rows: Sequence[slice]) -> tuple[Finding, ...]:
     if len(rows) == 1:
         return ()
     begins = quote([str(table.rows[block.start]) for block in rows])
-    sentence = (
-        f"Blank lines separate {len(rows)} blocks of rows, each a recording; they begin in rows {begins}."
-    )
+    sentence = f"{_between(table, rows)} separate {len(rows)} blocks of rows, each a recording; they begin in rows {begins}."
     return (info("blocks-apart", sentence),)
+
+
+def _between(table: Table, rows: Sequence[slice]) -> str:
+    """What stands between the blocks."""
+    starts = [block.start for block in rows[1:]]
+    blank = np.diff(np.searchsorted(table.blank, table.rows))[np.array(starts) - 1]
+    return "Blank lines" if blank.all() else "Repeated names of the columns"

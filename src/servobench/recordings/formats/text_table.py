@@ -18,8 +18,22 @@ from servobench.core.channels import Array
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info, list_text, warning
 from servobench.core.units import is_unit
+from servobench.recordings.formats.capture_clock import (
+    CAPTURE_TIME,
+    clock_column,
+    is_the_time,
+    without_clock,
+)
 from servobench.recordings.formats.columns import LARGEST_TABLE, Heading, heading, quote
-from servobench.recordings.formats.time_stamps import is_stamp, seconds_from_first
+from servobench.recordings.formats.common_factor import about_factor, common_factor
+from servobench.recordings.formats.framed_rows import rules, without_frames
+from servobench.recordings.formats.labelled_values import SEPARATOR, without_labels
+from servobench.recordings.formats.time_stamps import (
+    STAMP_FORMS,
+    is_stamp,
+    resembles_stamp,
+    seconds_from_first,
+)
 from servobench.recordings.formats.times import in_words
 from servobench.recordings.formats.unreadable import Texts, about_columns
 
@@ -86,8 +100,8 @@ class Layout:
 class Table:
     """A table of numbers: `headings` of its columns, values (N, M), and the row of the file that each of the N stands in.
 
-    `findings` are what was seen while reading. `blank` are the rows of the file that are blank, `stamped` the columns whose
-    values are seconds from the first time stamp.
+    `findings` are what was seen while reading. `blank` are the rows of the file that are blank, `headers` those that repeat the
+    names of the columns, `stamped` the columns whose values are seconds from the first time stamp.
     """
 
     headings: tuple[Heading, ...]
@@ -95,6 +109,7 @@ class Table:
     rows: NDArray[np.int64]
     blank: NDArray[np.int64]
     findings: tuple[Finding, ...]
+    headers: NDArray[np.int64]
     stamped: frozenset[int] = frozenset()
 
 
@@ -155,12 +170,17 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
 
     Raises `FormatError` where there are no numbers, or where two readings make sense.
     """
-    lines = _sort_lines(text)
+    sent, clocks = without_clock(text.split("\n"))
+    lines = _sort_lines(sent)
     if lines.content and separator is None and (excel := _EXCEL.fullmatch(lines.content[0].strip())):
         separator = excel[1]
         lines = replace(lines, content=lines.content[1:], rows=lines.rows[1:])
     if not lines.content:
         raise FormatError(f"{name} has no rows: its lines are blank or comments")
+    lines, factor, about_notation = _without_notation(lines, name)
+    if separator is None:
+        lines, separator, about_labels = _without_labels(lines)
+        about_notation += about_labels
     _check_quotes(lines, name)
     layout = _layout(lines.content, name, separator, decimal)
     start = _with_ragged_rows(lines.content, _first_row_of_numbers(lines.content, layout, name), layout)
@@ -171,21 +191,79 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
         layout = _sure_of_commas(lines.content[start:], above, layout, name)
     headings, about_header, used = _headings(lines, start, layout)
     values, faults = numbers(lines.content[start:], layout)
+    values *= factor
+    faults.set_headers_apart(lines.content[start:], _rows_of_names(lines, start, used, layout), layout)
     headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
-    about_cells = _about_cells(faults, lines.rows[start:], [each.name for each in headings], values, usable)
-    findings = [*about_header, *_about_lines(lines, start, used), *about_stamps, *about_cells]
+    about_cells = _about_cells(
+        faults,
+        lines.rows[start:],
+        [each.name or f"column_{c}" for c, each in enumerate(headings, 1)],
+        values,
+        usable,
+    )
+    findings = [
+        *about_notation,
+        *about_header,
+        *_about_lines(lines, start, used),
+        *about_stamps,
+        *about_cells,
+    ]
     if layout.decimal == ",":
         findings.insert(0, info("decimal-comma", "The commas inside numbers are decimal marks."))
-    return Table(
+    table = Table(
         headings=headings,
         values=values[usable],
         rows=lines.rows[start:][usable],
         blank=lines.blank,
         findings=tuple(findings),
+        headers=lines.rows[start:][faults.rows.get("header-repeated", [])],
         stamped=stamped,
     )
+    return _with_clock(table, clocks) if clocks else table
+
+
+def _with_clock(table: Table, clocks: Sequence[str]) -> Table:
+    """The table with the clock times of the file's lines as its last column."""
+    t, about_clock = clock_column([clocks[row - 1] for row in table.rows])
+    is_time = is_the_time(table.headings)
+    return replace(
+        table,
+        headings=(*table.headings, CAPTURE_TIME),
+        values=np.column_stack((table.values, t)),
+        findings=(about_clock, *table.findings),
+        stamped=table.stamped | ({len(table.headings)} if is_time else set()),
+    )
+
+
+def _without_notation(lines: _Lines, name: str) -> tuple[_Lines, float, list[Finding]]:
+    """The lines without what a program put around the rows, the common factor of their numbers, and the finding on it."""
+    lines = replace(lines, content=without_frames(lines.content, _spread(lines.content)))
+    place, factor = common_factor(lines.content, lines.rows, name)
+    if place is None:
+        return lines, 1.0, []
+    finding = about_factor(factor, int(lines.rows[place]))
+    content = [*lines.content[:place], *lines.content[place + 1 :]]
+    return replace(lines, content=content, rows=np.delete(lines.rows, place)), factor, [finding]
+
+
+def _without_labels(lines: _Lines) -> tuple[_Lines, str | None, list[Finding]]:
+    """The lines without names and units beside the values, the separator where they had some, and the finding on them."""
+    bare = without_labels(lines.content, _spread(lines.content)) if lines.content else None
+    if bare is None:
+        return lines, None, []
+    rows = np.insert(lines.rows, bare.header, lines.rows[bare.header]) if bare.is_new else lines.rows
+    return replace(lines, content=bare.lines, rows=rows), SEPARATOR, [bare.finding]
+
+
+def _rows_of_names(lines: _Lines, start: int, used: frozenset[int], layout: Layout) -> list[list[str]]:
+    """The cells of the rows above the numbers that name the columns and their units."""
+    return [
+        layout.cells(line)
+        for row, line in zip(lines.rows[:start], lines.content, strict=False)
+        if int(row) in used
+    ]
 
 
 def _read_stamps(
@@ -206,14 +284,14 @@ def _read_stamps(
     return tuple(new), findings, frozenset(stamped)
 
 
-def _sort_lines(text: str) -> _Lines:
+def _sort_lines(lines: Sequence[str]) -> _Lines:
     """The lines of a text by what they are; a semicolon begins a comment only where it separates nothing."""
-    lines = text.split("\n")
     bare = [line.strip() for line in lines]
     marks: tuple[str, ...] = _COMMENTS
-    if ";" in text and any(";" in line and not line.startswith(_COMMENTS) for line in bare):
+    if any(";" in line and not line.startswith(_COMMENTS) for line in bare):
         marks = _COMMENTS[:-1]
     comments = {k + 1: line.lstrip("#%/; \t") for k, line in enumerate(bare) if line.startswith(marks)}
+    comments |= {k + 1: "" for k in rules(bare)}
     rows = _rows(k for k, line in enumerate(bare, 1) if line and k not in comments)
     return _Lines(
         content=[lines[row - 1] for row in rows],
@@ -501,6 +579,20 @@ class Faults:
             self.examples.setdefault(c, text)
             self.texts.setdefault(c, Texts()).add(text)
 
+    def set_headers_apart(
+        self, content: Sequence[str], headers: Sequence[Sequence[str]], layout: Layout
+    ) -> None:
+        """Note which rows without a number repeat one of the `headers`, or stand right above such a row."""
+        rows = self.rows.get("row-without-numbers", [])
+        again = {k for k in rows if layout.cells(content[k]) in headers}
+        again |= {k for k in rows if k + 1 in again}
+        if not again:
+            return
+        self.rows["header-repeated"] = sorted(again)
+        self.rows["row-without-numbers"] = [k for k in rows if k not in again]
+        if not self.rows["row-without-numbers"]:
+            del self.rows["row-without-numbers"]
+
     def read(self, c: int, left: Mapping[int, str]) -> None:
         """Take back what was noted of texts in column c, but for what is left by row, as they were read after all."""
         del self.cells[_NO_NUMBER][c], self.texts[c], self.examples[c]
@@ -600,13 +692,16 @@ def _about_cells(
     nan = np.isnan(values) & usable[:, None]
     nan[:, list(words)] = False
     return [
-        *(
-            info("column-skipped", f"`{names[c]}` holds text, such as {example[:40]!r}, and no number.")
-            for c, example in words.items()
-        ),
+        *(info("column-skipped", _about_words(names[c], example)) for c, example in words.items()),
         *_about_faults(faults, rows, names, nan),
         *about_columns(faults.texts, names, len(values)),
     ]
+
+
+def _about_words(name: str, example: str) -> str:
+    """The sentence on a column without a number."""
+    forms = f"; {STAMP_FORMS}" if resembles_stamp(example) else ""
+    return f"`{name}` holds text, such as {example[:40]!r}, and no number{forms}."
 
 
 def _about_faults(
@@ -617,13 +712,14 @@ def _about_faults(
         "row-short": f"Fewer than {len(names)} cells, left out:",
         "row-long": f"More than {len(names)} cells, left out:",
         "row-without-numbers": "Not one number, left out:",
+        "header-repeated": "The names of the columns stand again, which aren't read:",
         "rows-text": "Text between the rows of numbers, which isn't read:",
         "cell-empty": "Empty cells, read as NaN:",
         _NO_NUMBER: f"Text where a number should be, such as {faults.example[:40]!r}, read as NaN:",
     }
     findings = []
     for code, left_out in faults.rows.items():
-        severity = info if code == "rows-text" else warning
+        severity = info if code in {"rows-text", "header-repeated"} else warning
         findings.append(_finding(severity, code, sentences[code], rows[left_out]))
     for code, by_column in faults.cells.items():
         where = rows[np.unique(np.concatenate([np.array(indices) for indices in by_column.values()]))]

@@ -20,6 +20,15 @@ _ZONE = r"(?P<zone>Z|[+-][0-9]{2}:?[0-9]{2})?"
 _STAMP = re.compile(rf"(?:{_DATE}[T ]\s*)?{_CLOCK}\s*{_ZONE}", re.IGNORECASE)
 
 
+STAMP_FORMS = "time stamps are read in the form of '12:34:56.789' or '2024-03-05 12:34:56.789'"
+"""What a message says to somebody whose times are written in another form."""
+
+
+def resembles_stamp(cell: str) -> bool:
+    """Return whether a cell may be meant as a time of day: it has digits on both sides of a colon."""
+    return re.search(r"[0-9]:[0-9]", cell) is not None
+
+
 def is_stamp(cell: str) -> bool:
     """Return whether a cell is a time stamp, with or without a date."""
     return _parse(cell) is not None

@@ -19,6 +19,7 @@ UNEVEN = 0.05
 
 
 _OUT_OF_ORDER = 0.1  # of the rows
+_DIGITS = 7  # of a mean step: clocks are off by more than a millionth
 _LONGEST = float(np.finfo(np.float64).max) / 4
 
 
@@ -64,6 +65,35 @@ def time_base(t: Array) -> TimeBase:
         duplicates=int(np.count_nonzero(steps == 0)),
         backward=int(np.count_nonzero(steps < 0)),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanStep:
+    """The mean `step` [s] of times, which the rounding of the times leaves uncertain by `resolution` [s]."""
+
+    step: float
+    resolution: float
+
+    @property
+    def figure(self) -> float:
+        """The step [s] with as few digits as the resolution allows: 0.1 where it is 0.1003 s, uncertain by 0.0025 s."""
+        figures = (float(f"{self.step:.{digits}g}") for digits in range(1, _DIGITS))
+        return next((each for each in figures if abs(each - self.step) <= self.resolution), self.step)
+
+
+def mean_step(t: Array) -> MeanStep | None:
+    """Return the mean step of times t (N,) [s] that may be rounded, repeats included; None where they never grow.
+
+    Steps back are left out, and so is a pause of more than half the recording.
+    """
+    steps = _steps(t[np.isfinite(t)])
+    steps = steps[steps >= 0]
+    with np.errstate(over="ignore"):
+        steps = steps[steps <= 0.5 * steps.sum()]
+    if not (steps > 0).any():
+        return None
+    # The ends are rounded to a whole number of the smallest step at best.
+    return MeanStep(step=float(steps.mean()), resolution=float(steps[steps > 0].min()) / len(steps))
 
 
 def time_findings(t: Array, rows: NDArray[np.int64] | None = None) -> tuple[Finding, ...]:

@@ -12,8 +12,8 @@ from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info, warning
 from servobench.core.units import is_unit, quantity, unit
-from servobench.recordings.formats.choice import long_columns
-from servobench.recordings.formats.columns import TIME_NAMES, heading, quote, time_unit
+from servobench.recordings.formats.clock_columns import clock_columns, clock_unit, repeats_rows
+from servobench.recordings.formats.columns import heading, time_unit
 from servobench.recordings.formats.roles import (
     ColumnSpec,
     Role,
@@ -22,7 +22,10 @@ from servobench.recordings.formats.roles import (
     quantity_of,
     shell_text,
 )
-from servobench.recordings.formats.times import time_findings
+from servobench.recordings.formats.time_question import question
+from servobench.recordings.formats.time_stamps import STAMP_FORMS
+from servobench.recordings.formats.time_steps import about_steps, step_unit
+from servobench.recordings.formats.times import MeanStep, mean_step, time_findings
 from servobench.recordings.recording import Recording, Series
 
 
@@ -79,54 +82,31 @@ def assign_times(
             for role, each in series.items()
         }
         return evenly, [info("sample-time-in-file", text)]
-    sentence = _question(recording)
+    sentence = question(recording)
     reasons = (
         {"time-not-recognised"}
         if "may be the time" in sentence
         else {"time-not-recognised", "time-ambiguous"}
     )
-    why = [each.sentence for each in recording.findings if each.code in reasons]
+    why = [
+        each.sentence for each in recording.findings if each.code in reasons or STAMP_FORMS in each.sentence
+    ]
     return " ".join([f"{sentence}.", *why]) if why else sentence
 
 
-def _question(recording: Recording) -> str:
-    """The sentence that asks for the times: for the unit of what must be the time, or may be, or else for a column."""
-    named = [each for each in recording.series if plain_name(each.channel.name) in TIME_NAMES]
-    unnamed = [each for each in recording.series if each.channel.unit is None]
-    for may_be, why in (
-        (named, "by its name" if len(named) == 1 else "by their names"),
-        (unnamed, "as it grows from row to row"),
-    ):
-        names = [each.channel.name for each in may_be if _runs(each.values)]
-        if 0 < len(names) <= _FEW:
-            options = " or ".join(f"`time={shell_text(f'{name}:s')}`" for name in names)
-            return (
-                f"the times: {quote(names)} may be the time {why}: say {options}, or :ms, or what the unit is; otherwise, for "
-                "example, `sample_time=0.02` (in s)"
-            )
-    sentence = "the times: say, for example, `sample_time=0.02` (in s), or `time=COL:UNIT`"
-    if len(recording.series) > 1:
-        sentence += f", one of {long_columns(recording)}"
-    return sentence
-
-
-_FEW = 3  # columns; of more the sentence would be a list
-
-
-def _runs(values: Array) -> bool:
-    """Whether a column can be times: it grows all the way, but for a few slips, and doesn't just count the rows."""
-    values = values[np.isfinite(values)]
-    if len(values) < 3:
-        return False
-    with np.errstate(over="ignore", invalid="ignore"):
-        steps = np.diff(values)
-    return bool(np.mean(steps > 0) > _GROWING and not (steps == 1.0).all())
-
-
-_GROWING = 0.95  # of the steps
-
 _TIME_OF_A_SAMPLE = frozenset(
-    {"ts", "t_s", "dt", "delta_t", "sample_time", "sampletime", "sampling_time", "tsample"}
+    {
+        "ts",
+        "t_s",
+        "dt",
+        "delta_t",
+        "timestep",
+        "time_step",
+        "sample_time",
+        "sampletime",
+        "sampling_time",
+        "tsample",
+    }
 )
 _RATE = frozenset(
     {"fs", "f_s", "sample_rate", "samplerate", "sampling_rate", "sampling_frequency", "sample_frequency"}
@@ -143,17 +123,43 @@ def _contradictions(recording: Recording, series: Mapping[Role, Series], step: f
             "wrong. Leave `sample_time=...` out to use the file's."
         )
         return [warning("sample-time-contradicts", sentence)]
-    for role in ("output", "input"):
-        t = series[role].t if role in series else None
-        steps = np.diff(t[np.isfinite(t)]) if t is not None else np.empty(0)
-        own = float(np.median(steps[steps > 0])) if (steps > 0).any() else step
-        if abs(own - step) > _AGREE * step:
-            sentence = (
-                f"The times of `{series[role].channel.name}` are {own:.4g} s apart, and the sample time that was given is "
-                f"{step:.4g} s, {step / own:.3g} times that: one of them is wrong. Leave `sample_time=...` out to use the times."
-            )
-            return [warning("sample-time-contradicts", sentence)]
+    timed = [series[role] for role in ("output", "input") if role in series and series[role].t is not None]
+    if not timed:
+        return _contradiction_of_clocks(recording, step)
+    for each in timed:
+        own = mean_step(np.asarray(each.t))
+        if own is not None and not _agrees(own, step):
+            remedy = "Leave `sample_time=...` out to use the times."
+            return [_contradiction(f"The times of `{each.channel.name}` are", own, step, remedy)]
     return []
+
+
+def _contradiction_of_clocks(recording: Recording, step: float) -> list[Finding]:
+    """Whether all columns that are no times, but show how far apart the samples are, contradict a sample time [s]."""
+    clocks = clock_columns(recording)
+    if not clocks or any(_agrees(own, step) for clock in clocks for own in clock.steps):
+        return []
+    name, own = clocks[0].name, clocks[0].nearest(step)
+    symbol = clock_unit(recording[name]) or "UNIT"
+    remedy = (
+        f"Say `time={shell_text(f'{name}:{symbol}')}` instead: rows with the same time are repeated, and left out then."
+        if repeats_rows(recording, name)
+        else f"If the column is right, say `sample_time={own.figure:.4g}`."
+    )
+    return [_contradiction(f"By the column `{name}` the samples are", own, step, remedy)]
+
+
+def _agrees(own: MeanStep, step: float) -> bool:
+    """Whether a sample time [s] is that of the file's times, as closely as those are known."""
+    return abs(own.step - step) <= max(_AGREE * step, own.resolution)
+
+
+def _contradiction(subject: str, own: MeanStep, step: float, remedy: str) -> Finding:
+    sentence = (
+        f"{subject} {own.step:.4g} s apart on average, and the sample time that was given is {step:.4g} s, "
+        f"{step / own.step:.3g} times that: one of them is wrong. {remedy}"
+    )
+    return warning("sample-time-contradicts", sentence)
 
 
 def _sample_time_in_file(recording: Recording) -> tuple[float, str] | None:
@@ -194,6 +200,8 @@ def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec:
         return f"the unit of the time `{name}`: say `time={shell_text(f'{name}:s')}`, or :ms, or what it is"
     if quantity_of(symbol) != "time":
         raise UsageError(f"{recording.name}: the time `{name}` is in {symbol}; expected s, ms or the like")
+    if step_unit(column, symbol) is not None:
+        raise UsageError(f"{recording.name}: {about_steps(column, symbol)}")
     with np.errstate(over="ignore"):
         t: Array = column.values * unit(symbol).factor
     placed = {role: _at(recording, role, each, name, t) for role, each in series.items()}

@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array, measurable
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info, warning
+from servobench.recordings.formats.epoch import epoch_unit
+from servobench.recordings.formats.merged_rows import about_merged_rows, are_merged
+from servobench.recordings.formats.overflow import counter_of_overflow
 from servobench.recordings.formats.roles import Role
-from servobench.recordings.formats.times import in_words, is_out_of_order, keep_increasing
+from servobench.recordings.formats.times import in_words, is_out_of_order, keep_increasing, mean_step
 from servobench.recordings.recording import Series
 
 _MOST_LEFT_OUT = (
@@ -48,7 +51,11 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
         _check_span(name, t[keep])
         finite = np.isfinite(values)
         if not finite[keep].all():
-            findings.append(_omission(role, each.channel.name, keep & ~finite))
+            findings.append(
+                about_merged_rows(each, series["output"])
+                if role == "input" and "output" in series and are_merged(each, series["output"])
+                else _omission(role, each.channel.name, keep & ~finite)
+            )
         keep = keep & finite
         if keep.sum() < 2:
             raise FormatError(
@@ -65,9 +72,15 @@ def _check_step(name: str, t: Array) -> None:
         return
     step = float(np.median(np.diff(t)))
     if not SHORTEST_STEP <= step <= LONGEST_STEP:
+        dates = epoch_unit(t)
+        remedy = (
+            f"In {dates} the times would be dates: say `time=COL:{dates}`"
+            if dates not in (None, "s")
+            else "Name the right column and unit with `time=COL:UNIT`"
+        )
         raise FormatError(
-            f"{name}: the samples are {step:.3g} s apart; expected {SHORTEST_STEP:g} to {LONGEST_STEP:g} s. Name the right "
-            "column and unit with `time=COL:UNIT`, or give the sample time with `sample_time=...`"
+            f"{name}: the samples are {step:.3g} s apart; expected {SHORTEST_STEP:g} to {LONGEST_STEP:g} s. {remedy}, or give "
+            "the sample time with `sample_time=...`"
         )
 
 
@@ -117,6 +130,7 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
     far = t[k] - t[k + 1] > 0.5 * (t[k] - t[0])
     if np.mean(back) > _MOST_LEFT_OUT or (far and _longest_block(back) >= _RUN):
         often = "once," if len(jumps) == 1 else f"{len(jumps)} times, the furthest"
+        _check_no_overflow(name, t, k, often)
         remedy = (
             "Sort the rows by it"
             if is_out_of_order(t)
@@ -128,6 +142,19 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
         )
 
 
+def _check_no_overflow(name: str, t: Array, k: int, often: str) -> None:
+    """Raise `FormatError` where finite times t (N,) go back behind sample k because their counter overflowed."""
+    step = mean_step(t)
+    counter = None if step is None else counter_of_overflow(t[k], t[k + 1], step.step)
+    if step is None or counter is None:
+        return
+    raise FormatError(
+        f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}, as a {counter} does when it "
+        f"overflows. If the samples are evenly spaced, say `sample_time={step.figure:.6g}` (in s), the mean step; otherwise cut "
+        "the recording there"
+    )
+
+
 def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.bool_]) -> None:
     """Raise `FormatError` where most samples have the time of the one before but not its value: times too coarse to be used."""
     values = measurable(np.asarray(series.values, dtype=np.float64))
@@ -136,11 +163,13 @@ def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.boo
     changed = same & np.isfinite(np.diff(values)) & (np.diff(values) != 0)
     if same.sum() <= _MOST_ROUNDED * len(t) or changed.sum() <= _MOST_REPEATED * same.sum():
         return
-    step = (t[keep][-1] - t[keep][0]) / (len(t) - 1)
+    step = mean_step(t)
+    about = "SECONDS" if step is None else f"{step.figure:.4g}"
+    mean = "" if step is None else f", the mean step, uncertain by {step.resolution:.2g} s"
     raise FormatError(
         f"{name}: {int(same.sum())} of the {len(t)} samples of `{series.channel.name}` have the same time as the one "
         "before: the times are rounded. If the samples are evenly spaced, give their sample time, about "
-        f"`sample_time={step:.4g}` (in s)"
+        f"`sample_time={about}` (in s){mean}"
     )
 
 

@@ -17,6 +17,7 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.numbers import check_positive
 from servobench.core.units import in_symbols, is_unit, quantity
 from servobench.core.units import unit as unit_named
+from servobench.recordings.measurement.accumulate import Accumulate, accumulate_counts
 from servobench.recordings.measurement.armature import armature_current
 from servobench.recordings.measurement.base import Chain, Kind, Stage
 from servobench.recordings.measurement.column import (
@@ -47,7 +48,8 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
     recording's own `chain` was applied before it was written, and isn't applied again. A prediction goes
     through both.
 
-    Stages act on SI units or counts. `unwrap` with a modulus in counts at the front acts before counts become rad.
+    Stages act on SI units or counts. `accumulate`, and `unwrap` with a modulus in counts, at the front act before counts
+    become rad.
     A `scale` with a unit (`scale 0.17578125 deg/count`) is a conversion: the dataset is in the new unit, and so are predictions.
     If the loop recorded when each write returned (the channel `written`), the input begins to hold at that
     time, and the output's times are the device's own latch times (`latched`). A channel recognised as the
@@ -202,7 +204,7 @@ def _output(
     automatic, at_front = _counter_stages(column, channel, applied)
     findings = _findings(column, declared, applied)
     if column.quantity == "position" and not any(
-        isinstance(s, Unwrap) for s in (*automatic, *applied.stages)
+        isinstance(s, Unwrap | Accumulate) for s in (*automatic, *applied.stages)
     ):
         findings += suspect_wraps(column, channel.counts_per_rev)
     column, doubts = _through(column, (*automatic, *at_front))
@@ -222,15 +224,21 @@ def _output(
 
 def _counter_stages(
     column: Column, channel: Channel, applied: Chain
-) -> tuple[tuple[Unwrap, ...], tuple[Unwrap, ...]]:
+) -> tuple[tuple[Unwrap, ...], tuple[Stage, ...]]:
     """Return the stages that act on counts before they become rad: what the counter's width asks for, and those of the chain."""
     if column.unit != "counts":
         return (), ()
     automatic: tuple[Unwrap, ...] = ()
     if channel.counter_bits is not None:
         automatic = (Unwrap.parse((str(channel.counter_bits), "bit")),)
-    front = takewhile(lambda s: isinstance(s, Unwrap) and unit_named(s.unit).si == "counts", applied.stages)
-    return automatic, tuple(stage for stage in front if isinstance(stage, Unwrap))
+    return automatic, tuple(takewhile(_acts_on_counts, applied.stages))
+
+
+def _acts_on_counts(stage: Stage) -> bool:
+    """Whether a stage takes counts to counts, before they become an angle."""
+    return isinstance(stage, Accumulate) or (
+        isinstance(stage, Unwrap) and unit_named(stage.unit).si == "counts"
+    )
 
 
 def _with_quantum(column: Column, channel: Channel) -> tuple[Column, list[Finding]]:
@@ -254,6 +262,9 @@ def _through(column: Column, stages: Sequence[Stage]) -> tuple[Column, list[Find
     for stage in stages:
         if isinstance(stage, Unwrap):
             column, doubts = without_wraps(column, stage)
+            findings += doubts
+        elif isinstance(stage, Accumulate):
+            column, doubts = accumulate_counts(column, stage)
             findings += doubts
         elif isinstance(stage, Scale):
             column = _scale(column, stage)

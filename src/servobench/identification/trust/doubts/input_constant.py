@@ -14,6 +14,7 @@ from servobench.recordings.measurement.dataset import Dataset
 _UNSTEADY = 0.3  # of the last speed: what it may vary by
 _FEWEST = 10  # samples
 _BEHIND = 5.0  # steps of the sensor, or standard deviations about the line
+_RESTED = ", or say `starts_at_rest=True` if the motor was at rest, without an input, until the record began"
 _SLOWER = 0.75  # of the last speed: what the motor begins with where it still has to get there
 
 
@@ -26,7 +27,8 @@ def _input_constant(records: Sequence[Dataset]) -> list[Finding]:
         refusal(
             "input-constant",
             f"The input stays at {levels[0]:g} {records[0].input_unit} throughout, so gain and "
-            "friction can't be separated; record steps between at least two levels.",
+            "friction can't be separated; record steps between at least two levels"
+            f"{_RESTED if levels[0] else ''}.",
             parameters=("gain", "coulomb_voltage"),
         )
     ]

@@ -44,9 +44,16 @@ def _about_fit(fit: Fit) -> list[Finding]:
     sentence = (
         f"{data.name}: the output was said to be a {data.kind}, and behaves like a {other.kind}: {_BEHAVES[other.kind]}. As a "
         f"{other.kind} a motor explains {explained:.0f} % of it, as a {data.kind} {as_said:.0f} %. Give it the "
-        f"unit of a {other.kind}: `output=COL:{other.output_unit}`, or whichever unit it has."
+        f"unit of a {other.kind}: `output=COL:{other.output_unit}`, or whichever unit it has{_way_out(data)}."
     )
     return [refusal("kind-mistaken", sentence, parameters=("gain", "time_constant"))]
+
+
+def _way_out(data: Dataset) -> str:
+    """How steps of an encoder become a position; the empty text of anything else."""
+    return (
+        "; counts since the row before it become a position with `chain=accumulate`" if data.quantum else ""
+    )
 
 
 def _enough_of(data: Dataset) -> Dataset:

@@ -46,7 +46,9 @@ def _limit(simulated: Array, measured: Array) -> float | None:
     below, _ = _slope(simulated[lower], measured[lower])
     if above + _CERTAIN * error >= _FLAT * below:
         return None
-    return float(np.median(measured[upper]))
+    limit = float(np.median(measured[upper]))
+    # What stands at the end of its range has reached it: a shaft that stands where the model turns is no such thing.
+    return limit if limit > np.median(measured[lower]) else None
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:

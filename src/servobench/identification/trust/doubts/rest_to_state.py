@@ -1,4 +1,4 @@
-"""A shaft that sets off with the first row, under an input that is on already: it may have rested before."""
+"""A shaft that sets off with the first rows, so that no rest before is to be seen: it may have rested all the same."""
 
 from __future__ import annotations
 
@@ -17,13 +17,29 @@ _DRIVEN = 0.02  # of the largest input: below that it is the offset of a measure
 
 
 def _rest_to_state(records: Sequence[Dataset]) -> list[Finding]:
-    if not any(map(_sets_off_at_first, records)):
+    if any(map(_sets_off_at_first, records)):
+        when = "The input is on from the first row, and the shaft seems to set off there"
+    elif any(map(_sets_off_soon, records)):
+        when = "The input is on after a few rows, in which the shaft seems to stand"
+    else:
         return []
     sentence = (
-        "The input is on from the first row, and the shaft seems to set off there. If it was at rest before, without an input, "
-        "say `starts_at_rest=True`: the start then shows delay and time constant."
+        f"{when}. If it was at rest before, without an input, say `starts_at_rest=True`: the start then shows delay and time "
+        "constant."
     )
     return [info("rest-to-state", sentence, parameters=("delay", "time_constant"))]
+
+
+def _sets_off_soon(data: Dataset) -> bool:
+    """Whether the input is off for a few rows only, without a motion, and on from there."""
+    driven = np.flatnonzero(np.abs(data.u) > _DRIVEN * float(np.abs(data.u).max()))
+    if data.starts_at_rest or not len(driven) or not driven[0] > 0:
+        return False
+    before = data.t_output <= data.t_input[driven[0]]
+    if not 0 < before.sum() < _LEAST or len(data.y) < 2 * _LEAST:
+        return False
+    way = np.abs(np.diff(data.y)) if data.kind == "position" else np.abs(data.y)
+    return bool(way[: before.sum()].max() <= _RESTING * float(np.median(way[before.sum() :])))
 
 
 def _sets_off_at_first(data: Dataset) -> bool:

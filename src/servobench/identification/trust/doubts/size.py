@@ -13,6 +13,7 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
+from servobench.recordings.formats.likely_units import LARGEST_SUPPLY
 from servobench.recordings.measurement.dataset import Dataset
 
 _FASTEST = 3500.0  # rad/s, 33,000 rpm: small motors with an encoder reach it; a servo motor in degrees seems to go beyond
@@ -30,15 +31,25 @@ def _about_data(records: Sequence[Dataset]) -> list[Finding]:
 
 def _input_size(data: Dataset) -> list[Finding]:
     largest = float(np.abs(data.u).max(initial=0.0))
+    if any(finding.code == "unit-contradicted" for finding in data.findings):
+        return []
     if data.input_unit == "%" and largest > _WHOLE:
         sentence = (
             f"{data.name}: the duty reaches {plain(largest, 4)} %, more than the whole: these may be steps of a timer, such as "
             "255 for 100 %. Say what they are, `input=COL:PWM/255`, or in which unit: `input=COL:UNIT`."
         )
         return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
-    if data.input_unit != "V" or largest == 0 or _VOLTAGES[0] <= largest <= _VOLTAGES[1]:
+    if data.input_unit != "V" or largest == 0:
         return []
-    other = "V read as mV" if largest < 1 else "mV read as V, or input and output swapped"
+    if LARGEST_SUPPLY < largest <= _VOLTAGES[1] and bool((data.u == np.rint(data.u)).all()):
+        sentence = (
+            f"{data.name}: the input reaches {plain(largest, 4)} V in whole numbers, as raw counts of a pulse width do and few "
+            "voltages. If 255 of them are 100 %, say `input=COL:PWM/255`, with the supply: `supply=...`."
+        )
+        return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
+    if _VOLTAGES[0] <= largest <= _VOLTAGES[1]:
+        return []
+    other = "V read as mV" if largest < 1 else "mV or raw counts read as V, or input and output swapped"
     sentence = (
         f"{data.name}: the input reaches {plain(largest, 3)} V, which no servo motor is driven with "
         f"({other}?). Check the column and its unit: `input=COL:UNIT`."

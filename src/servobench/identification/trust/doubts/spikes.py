@@ -1,4 +1,4 @@
-"""Single values that lie far off their neighbours."""
+"""Single values that lie far off their neighbours, and how far they move the parameters."""
 
 from __future__ import annotations
 
@@ -8,32 +8,86 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
-from servobench.core.finding import Finding, warning
+from servobench.core.finding import Finding, info, warning
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.budget import Contribution
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.uncertainty.score_test import in_innovations, innovations_and_jacobian
 from servobench.recordings.formats.times import in_words
 from servobench.recordings.measurement.dataset import Dataset
 
 _LARGE = 6.0  # times what is usual among the largest second differences
+_MOST_MOVED = 2.0  # standard deviations: what moves a parameter farther is outside its interval
+_MOST_OF_RESIDUAL = 0.5  # of its square: beyond it the spikes are what limits the accuracy
 _MOST = 0.02  # of the samples: more than that isn't a few spikes but noise
 
 
-def _about(records: Sequence[Dataset]) -> list[Finding]:
-    return [finding for record in records for finding in _of(record)]
+def with_spikes(fit: Fit) -> Fit:
+    """Return the fit with its covariance larger by the square of what the spikes of its records move the parameters by."""
+    which = [_spikes_of(record.data) for record in fit.records]
+    if not any(map(len, which)):
+        return fit
+    jacobian, residual = innovations_and_jacobian(fit)
+    heights = _heights(fit, which)
+    if heights @ heights > _MOST_OF_RESIDUAL * (residual @ residual):
+        return fit  # without them all would be known much better: the doubt says so
+    moved = _shift(jacobian, heights)[: len(fit.model.names)]
+    if not _share_of_sd(fit, moved) < _MOST_MOVED:
+        return fit  # too much for a small change of the output: the doubt says so
+    reason = "the output has spikes of a sample or two, which no shaft makes"
+    return fit.widen(Contribution(source="spikes", covariance=np.outer(moved, moved), reason=reason))
 
 
-def _of(data: Dataset) -> list[Finding]:
+def _about_fit(fit: Fit) -> list[Finding]:
+    """Spikes in any record of a fit: a doubt, or where the intervals allow for them a remark."""
+    which = [_spikes_of(record.data) for record in fit.records]
+    if not any(map(len, which)):
+        return []
+    allowed = any(line.source == "spikes" for line in fit.budget)
+    return [_finding(r.data, each, allowed) for r, each in zip(fit.records, which, strict=True) if len(each)]
+
+
+def _spikes_of(data: Dataset) -> NDArray[np.int64]:
     if any(finding.code == "angle-wraps" for finding in data.findings):
-        return []
-    which = spikes(data.y, data.quantum or 0.0)
-    if not len(which):
-        return []
+        return np.array([], dtype=np.int64)
+    return spikes(data.y, data.quantum or 0.0)
+
+
+def _finding(data: Dataset, which: NDArray[np.int64], allowed: bool) -> Finding:
     rows = (int(which[0]) + 1, int(which[-1]) + 1)
-    sentence = (
+    what = (
         f"{data.name}: the output jumps away and back again within a sample or two in "
         f"{in_words(which + 1, 'sample')}, which no shaft does. It is cable noise or a lost count; "
-        "leave these rows out."
     )
-    return [warning("output-spikes", sentence, parameters=("gain", "time_constant"), rows=rows)]
+    if allowed:
+        return info("output-spikes", f"{what}the intervals allow for what it moves.", rows=rows)
+    return warning(
+        "output-spikes", f"{what}leave these rows out.", parameters=("gain", "time_constant"), rows=rows
+    )
+
+
+def _shift(jacobian: Array, heights: Array) -> Array:
+    """The change of the joint vector that a small change x (N,) of the innovations makes: (J'J)⁻¹ J'x."""
+    lengths = np.linalg.norm(jacobian, axis=0)
+    lengths[lengths == 0] = 1.0
+    moved, *_ = np.linalg.lstsq(jacobian / lengths, heights, rcond=None)
+    return np.asarray(moved / lengths)
+
+
+def _share_of_sd(fit: Fit, moved: Array) -> float:
+    """The largest change of a parameter, in its standard deviations."""
+    sd = np.sqrt(np.diag(fit.covariance))
+    return float(np.max(np.abs(moved[sd > 0]) / sd[sd > 0], initial=0.0))
+
+
+def _heights(fit: Fit, which: Sequence[NDArray[np.int64]]) -> Array:
+    """The spikes alone, each as far as it is from the mean of its neighbours, in innovations (N,) of all records."""
+    parts = []
+    for record, indices in zip(fit.records, which, strict=True):
+        y, spike = record.data.y, np.zeros((len(record.data.y), 1))
+        spike[indices, 0] = y[indices] - 0.5 * (y[indices + 1] + y[indices - 1])
+        parts.append(in_innovations(fit, record, spike)[:, 0])
+    return np.concatenate(parts)
 
 
 def spikes(y: Array, quantum: float) -> NDArray[np.int64]:
@@ -62,4 +116,4 @@ def _goes_on(y: Array, k: int) -> bool:
     )
 
 
-DOUBTS.member("spikes")(Doubt(codes=("output-spikes",), about_data=_about))
+DOUBTS.member("spikes")(Doubt(codes=("output-spikes",), about_fit=_about_fit))

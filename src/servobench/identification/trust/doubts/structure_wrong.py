@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import Finding, warning
-from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 
@@ -24,7 +24,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if _pendulum_left_out(fit):
         return [warning("structure-wrong", _PENDULUM, parameters=("gain", "time_constant"))]
     codes = {finding.code for finding in fit.findings}
-    no_noise = "weighed-twice" in codes or ("delay-expected" in codes and _follows_itself(fit))
+    no_noise = "weighed-twice" in codes and not _alternates(fit)
+    no_noise = no_noise or ("delay-expected" in codes and _follows_itself(fit))
     if not no_noise or fit.fit_percent >= _EXPLAINED:
         return []
     rounding = [
@@ -54,11 +55,19 @@ def _pendulum_left_out(fit: Fit) -> bool:
 
 def _follows_itself(fit: Fit) -> bool:
     """Whether what is left over of each record goes on from sample to sample, as the error of a model does and no noise."""
-    for record in fit.records:
-        left = record.residual[record.valid] - record.residual[record.valid].mean()
-        if float(left[1:] @ left[:-1]) < _GOES_ON * float(left @ left):
-            return False
-    return True
+    return all(_likeness(record) >= _GOES_ON for record in fit.records)
+
+
+def _alternates(fit: Fit) -> bool:
+    """Whether what is left over of each record alternates from sample to sample: a ripple of the sensor, and no motion."""
+    return all(_likeness(record) < 0 for record in fit.records)
+
+
+def _likeness(record: FittedRecord) -> float:
+    """The correlation of what is left over of a record with itself a sample later; 1 where nothing is left."""
+    left = record.residual[record.valid] - record.residual[record.valid].mean()
+    power = float(left @ left)
+    return float(left[1:] @ left[:-1]) / power if power else 1.0
 
 
 DOUBTS.member("structure_wrong")(Doubt(codes=("structure-wrong",), about_fit=_about_fit))

@@ -23,6 +23,8 @@ def likely_unit(sample_time: float) -> tuple[str, str]:
     >>> likely_unit(1000.0)
     ('microseconds', 'us')
     """
+    if 1e-6 * sample_time >= _SLOW:
+        return "nanoseconds", "ns"
     return ("microseconds", "us") if 1e-3 * sample_time >= _SLOW else ("milliseconds", "ms")
 
 

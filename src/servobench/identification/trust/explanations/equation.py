@@ -18,17 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
-from servobench.identification.models.motion import directions
+from servobench.identification.models.motion import directions, is_one_sine
 from servobench.recordings.measurement.dataset import Dataset
 
 _MOST = 6000  # points of the grid
 _NOISE = 0.02  # of the filtered acceleration may be noise
 _SETTLED = 8.0  # filter times until the start is forgotten
 _PER_TIME = 4.0  # rows of the regression in a filter time
-_ONE = 0.9  # of an input's power in one line of its spectrum: a sine
 _JUMP = 0.2  # of the input's range: a change in one step of the grid that is as good as at once
 _SWEPT = 3.0  # times through its range
-_PERIODS = 3  # of a sine in a record: fewer are a step or a ramp
 _UNSEEN = 0.3  # of the input's standard deviation may pass between two points of the grid
 
 
@@ -156,13 +154,6 @@ def rings(u: Array) -> bool:
     reach = float(np.ptp(u)) if len(u) else 0.0
     jumps = reach > 0 and float(np.abs(np.diff(u)).max()) > _JUMP * reach
     return (jumps or sweep_count(u) >= _SWEPT) and not is_one_sine(u)
-
-
-def is_one_sine(u: Array) -> bool:
-    """Return whether nearly all of an input u (N,) on an even grid is one sine: that tells two numbers, and no order."""
-    power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(len(u)))) ** 2
-    at = int(np.argmax(power))
-    return bool(at >= _PERIODS and power[at - 2 : at + 3].sum() > _ONE * power.sum())
 
 
 def with_extra(data: Dataset, extra: Callable[[Array, Array], Array]) -> Dataset:

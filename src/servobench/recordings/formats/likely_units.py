@@ -1,0 +1,139 @@
+"""The units that a column's name and its values suggest, and those that they contradict."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, warning
+from servobench.core.rounding import plain
+from servobench.core.units import unit
+from servobench.recordings.formats.roles import Role, quantity_of, shell_text
+from servobench.recordings.recording import Series
+
+LARGEST_SUPPLY = 60.0
+"""The voltage [V] up to which whole numbers are taken as volts without a doubt.
+
+Beyond it they are more often the raw counts of a pulse-width modulator, which are always whole. Motors of 90 V and more exist,
+but their voltage is measured, or computed by a controller, and has decimals.
+"""
+
+_DUTY_WORDS = frozenset({"pwm", "duty", "dutycycle", "power", "pwr", "throttle"})
+_VOLTAGE_WORDS = frozenset({
+    "v", "mv", "volt", "volts", "voltage", "millivolts", "spannung", "tension", "supply", "battery", "vbat", "vbus", "bus",
+})  # fmt: skip
+_FULL_SCALES = (255, 1023, 4095, 65535)  # of 8, 10, 12 and 16 bits
+_DYNAMIXEL = 885  # the full scale of `goal_pwm` and `present_pwm`
+_ELECTRICAL = re.compile(r"(?:^|[^a-z])e_?rpm(?:[^a-z]|$)")
+_SERVO_PULSES = (700.0, 2300.0)  # us: 1000 to 2000, and what some servos take beyond
+_CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+_DEFAULT: dict[Role, tuple[str, ...]] = {
+    "input": ("V",),
+    "output": ("deg", "deg/s"),
+    "reference": ("deg",),
+    "supply": ("V",),
+    "current": ("A",),
+}
+
+
+def unit_examples(role: Role, series: Series) -> str:
+    """Return units that a column without one may have, each as it has to be said, as the end of a sentence."""
+    name, values = series.channel.name, _finite(series.values)
+    if role == "input" and (is_duty_name(name) or (_are_whole(values) and _largest(values) > LARGEST_SUPPLY)):
+        return f"{_duty_examples(name, values)}; its supply goes into `supply=...`"
+    symbols = " or ".join(shell_text(f"{name}:{symbol}") for symbol in _DEFAULT[role])
+    if role == "output" and _are_whole(values):
+        return f"{shell_text(f'{name}:counts')} with `counts_per_rev=...`, or {symbols}"
+    return symbols
+
+
+def _duty_examples(name: str, values: Array) -> str:
+    """The units of a duty that fit its values."""
+    largest = _largest(values)
+    percent = shell_text(f"{name}:%")
+    if largest <= 1.0:
+        return f"{shell_text(f'{name}:1')} (a fraction) or {percent}"
+    if not _are_whole(values):
+        return percent
+    scale = next((each for each in _FULL_SCALES if largest <= each), round(largest))
+    if largest <= _DYNAMIXEL and {"goal", "present"} & _words(name):
+        scale = _DYNAMIXEL
+    counts = f"{shell_text(f'{name}:PWM/{scale}')} (raw counts, if {scale} is 100 %)"
+    return f"{counts} or {percent}" if largest <= 100.0 else counts
+
+
+def is_duty_name(name: str) -> bool:
+    """Return whether a name is that of a duty, as `motor_pwm` is; `pwm_voltage` and `power_supply` are those of voltages."""
+    words = _words(name)
+    return bool(words & _DUTY_WORDS) and not words & _VOLTAGE_WORDS
+
+
+def about_input_unit(series: Series, from_file: bool) -> list[Finding]:
+    """Return a doubt of an input whose name or values contradict its unit.
+
+    `from_file` says that the unit stands in the file, which is then right about the name.
+    """
+    name, symbol, values = series.channel.name, series.channel.unit, _finite(series.values)
+    if quantity_of(symbol) == "voltage" and not from_file and is_duty_name(name):
+        sentence = (
+            f"`{name}` is called after a duty, but is read in {symbol}, so that the gain may be off by any factor. Say what it "
+            f"is, such as {_duty_examples(name, values)}, with `supply=...`; or write V beside its name in the file if it holds "
+            "volts."
+        )
+        return [warning("unit-contradicted", sentence, parameters=("gain", "coulomb_voltage"))]
+    if symbol == "%" and 0.0 < _largest(values) <= 1.0 and not _are_whole(values):
+        sentence = (
+            f"`{name}` is read in %, but never exceeds {plain(_largest(values), 3)} %, which moves no motor. "
+            f"If it is a fraction, with 1 for 100 %, say `input={shell_text(f'{name}:1')}`."
+        )
+        return [warning("unit-contradicted", sentence, parameters=("gain", "coulomb_voltage"))]
+    return []
+
+
+def about_output_unit(series: Series) -> list[Finding]:
+    """Return a doubt of a speed that is electrical by its name, and so isn't the shaft's."""
+    name, symbol = series.channel.name, series.channel.unit
+    is_electrical = _ELECTRICAL.search(_CAPITAL.sub("_", name).lower()) is not None
+    if not is_electrical or quantity_of(symbol) != "speed":
+        return []
+    sentence = (
+        f"`{name}` is called after electrical revolutions, which are those of the shaft times the pole pairs, so that the gain "
+        "is too large by as much. Say `chain=scale N` with N pole pairs, or `chain=scale 1` if it is the shaft's speed."
+    )
+    return [warning("unit-contradicted", sentence, parameters=("gain",))]
+
+
+def pulse_remedy(series: Series) -> str:
+    """Return what to do with an input that is a time, as the width of a pulse is, as a sentence."""
+    name = series.channel.name
+    values = _finite(series.values) * unit(series.channel.unit or "us").factor * 1e6
+    if len(values) and _SERVO_PULSES[0] <= values.min() and values.max() <= _SERVO_PULSES[1]:
+        return (
+            "These look like servo pulses, 1000 to 2000 us with 1500 us for standstill: write (pulse - 1500)/500 into the file, "
+            f"and say `input={shell_text(f'{name}:1')}`"
+        )
+    return (
+        "If it is how long a pulse lasts, say what 100 % is, such as "
+        f"`input={shell_text(f'{name}:PWM/20000')}` for 20000 {series.channel.unit}"
+    )
+
+
+def _finite(values: Array) -> Array:
+    values = np.asarray(values, dtype=np.float64)
+    return values[np.isfinite(values)]
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(values).max(initial=0.0))
+
+
+def _are_whole(values: Array) -> bool:
+    """Whether there are values, and all of them are whole numbers, as the readings of a counter are."""
+    return bool(len(values) and (values == np.rint(values)).all())
+
+
+def _words(name: str) -> set[str]:
+    """The words of a name in lower case, without its digits."""
+    return set(re.findall(r"[^\W\d_]+", _CAPITAL.sub("_", name).lower()))

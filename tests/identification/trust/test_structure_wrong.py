@@ -1,0 +1,32 @@
+"""A residual that goes on from sample to sample is a motion that the model lacks; one that alternates is the sensor's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.core.finding import info
+from servobench.identification.trust.doubts.structure_wrong import DOUBTS
+from tests.contracts.finding_examples.base import sound_fit
+
+N = 2000
+SLOW = np.sin(2 * np.pi * np.arange(N) / 400)
+RIPPLE = np.where(np.arange(N) % 2, 1.0, -1.0)
+
+
+@pytest.mark.parametrize(("left", "codes"), [(SLOW, ["structure-wrong"]), (RIPPLE, [])])
+def test_only_a_motion_is_a_wrong_structure(left: np.ndarray, codes: list[str]) -> None:
+    """What is left is two fifths of the output, and neither noise model explains it."""
+    (record,) = sound_fit().records
+    output = SLOW[::-1] + 1.5 * np.cos(2 * np.pi * np.arange(N) / 300)
+    data = replace(record.data, y=output, quantum=None)
+    fit = replace(
+        sound_fit(),
+        records=(
+            replace(record, data=data, prediction=output - left, residual=left, valid=np.ones(N, bool)),
+        ),
+        findings=(info("weighed-twice", "Neither noise model fits."),),
+    )
+
+    assert fit.fit_percent < 80
+    assert [each.code for each in DOUBTS["structure_wrong"].about_fit(fit)] == codes

@@ -1,0 +1,119 @@
+"""Text that a program put something around: a clock, brackets, bars, lines below names, a common factor."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servobench.core.errors import FormatError
+from servobench.core.finding import Severity
+from tests.recordings.formats.tables import codes, columns, finding, loaded
+
+NUMBERS = {"t": [0.0, 0.1, 0.2], "u": [1.0, 2.5, 2.5], "y": [0.0, 3.0, 7.0]}
+ROWS = ["0.0, 1, 0", "0.1, 2.5, 3", "0.2, 2.5, 7"]
+
+
+def captured(lines: list[str]) -> str:
+    """Lines as the Arduino IDE shows them, 10 ms apart."""
+    return "".join(f"12:34:59.{980 + 10 * k} -> {line}\n" for k, line in enumerate(lines[:2])) + "".join(
+        f"12:35:00.0{10 * k:02} -> {line}\n" for k, line in enumerate(lines[2:])
+    )
+
+
+def test_the_clock_of_a_capture_is_a_column_of_its_own_behind_the_others(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, captured(["5,1,0", "6,2,0", "7,3,0"]), "log.txt")
+
+    assert list(columns(recording)) == ["column_1", "column_2", "column_3", "capture_time"]
+    assert columns(recording)["column_1"] == [5.0, 6.0, 7.0]
+    assert recording["column_2"].t is not None
+    assert np.allclose(recording["column_2"].t, [0.0, 0.01, 0.02])
+
+
+def test_the_clock_in_front_of_names_is_no_part_of_the_first_name(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, captured(["pwm,counts", "6,2", "7,3"]), "log.txt")
+
+    assert list(columns(recording)) == ["pwm", "counts", "capture_time"]
+
+
+@pytest.mark.parametrize(("name", "times"), [("t_ms", [0.0, 0.02]), ("time", None)])
+def test_the_boards_own_times_come_before_the_clock_where_their_unit_is_known(
+    name: str, times: list[float] | None, tmp_path: Path
+) -> None:
+    recording = loaded(tmp_path, captured([f"{name},u", "0,2", "20,3"]), "log.txt")
+
+    t = recording["u"].t
+    assert (None if t is None else t.tolist()) == times
+    assert ("time-ambiguous" in codes(recording.findings)) == (times is None)
+
+
+def test_the_clock_goes_with_values_that_have_names(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, captured(["u: 1 y: 4", "u: 2 y: 5", "u: 3 y: 6"]), "log.txt")
+
+    assert columns(recording)["y"] == [4.0, 5.0, 6.0]
+    assert list(columns(recording)) == ["u", "y", "capture_time"]
+
+
+FRAMED = {
+    "tuples": "t,u,y\n" + "".join(f"({row})\n" for row in ROWS),
+    "lists": "t,u,y\n" + "".join(f"[{row}],\n" for row in ROWS),
+    "a list of lists": "t,u,y\n[[" + "],\n [".join(ROWS) + "]]\n",
+    "Markdown": "| t | u | y |\n|---|:-:|--:|\n" + "".join(f"| {row.replace(',', ' |')} |\n" for row in ROWS),
+    "MATLAB's table": "    t     u     y\n    __    __    _\n\n" + "\n".join(ROWS).replace(",", "  "),
+    "underlined": "t;u;y\n-----\n" + "\n".join(ROWS).replace(",", ";"),
+}
+
+
+@pytest.mark.parametrize("frame", FRAMED)
+def test_what_frames_rows_or_underlines_names_is_no_part_of_the_table(frame: str, tmp_path: Path) -> None:
+    assert columns(loaded(tmp_path, FRAMED[frame].replace("__ ", "___ "), "log.txt")) == NUMBERS
+
+
+def test_dashes_below_numbers_are_a_row_without_a_number_and_no_line(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "t u\n0 1\n1 2\n--- ---\n3 4\n", "log.txt")
+
+    assert finding(recording.findings, "row-without-numbers").rows == (4, 4)
+
+
+FACTOR = "x =\n\n   1.0e+03 *\n\n    0.0010    0.0500\n    0.0020    0.0600\n"
+
+
+def test_the_common_factor_of_a_display_is_applied_and_named(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, FACTOR, "log.txt")
+
+    assert np.allclose(recording["column_1"].values, [1.0, 2.0])
+    assert np.allclose(recording["column_2"].values, [50.0, 60.0])
+    assert "multiplied by 1000" in finding(recording.findings, "common-factor").sentence
+    assert finding(recording.findings, "common-factor").rows == (3, 3)
+
+
+def test_two_common_factors_are_an_error_that_names_their_rows(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match="rows 3 and 9 both give a common factor"):
+        loaded(tmp_path, FACTOR + FACTOR, "log.txt")
+
+
+RUNS = "--- run 1 ---\nt_ms,u\n0,1\n10,2\n{between}t_ms,u\n0,3\n10,4\n"
+
+
+@pytest.mark.parametrize("between", ["", "\n", "\n--- run 2 ---\n", "run 2,started\n"])
+def test_repeated_names_between_runs_are_no_evidence_against_them(between: str, tmp_path: Path) -> None:
+    from servobench.recordings.formats.base import load
+
+    path = tmp_path / "log.txt"
+    path.write_text(RUNS.format(between=between))
+    first, second = load(path)
+
+    assert columns(second) == {"t_ms": [0.0, 10.0], "u": [3.0, 4.0]}
+    assert finding(first.findings, "header-repeated").severity is Severity.INFO
+    assert all(each.severity is Severity.INFO for each in first.findings)
+
+
+def test_a_row_of_words_among_the_numbers_is_a_lost_sample(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "t,u\n0,1\nfail,fail\n2,3\n", "log.csv")
+
+    assert finding(recording.findings, "row-without-numbers").severity is Severity.WARNING
+
+
+def test_columns_without_a_name_are_called_by_their_number_in_findings(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "t,u,\n0,1,\n0.1,,4\n0.2,2,\n", "log.csv")
+
+    assert "in `u` and `column_3`" in finding(recording.findings, "cell-empty").sentence

@@ -1,0 +1,143 @@
+"""What a column's name and values say of its unit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from servobench.core.channels import Channel
+from servobench.core.errors import MissingInformation, UsageError
+from servobench.recordings.evidence import evidence_of
+from servobench.recordings.formats.likely_units import is_duty_name
+from servobench.recordings.formats.mapping import Mapping, assign
+from servobench.recordings.recording import Recording, Series, Source
+from tests.recordings.formats.tables import codes, finding
+
+T = 0.01 * np.arange(100)
+SHAPE = np.where(np.arange(100) % 40 < 20, 1.0, -0.5)
+SPEED = np.random.default_rng(1).normal(size=100)
+
+
+def table(
+    name: str, largest: float = 1.0, *, output: str = "speed", y: np.ndarray = SPEED, unit: str | None = None
+) -> Recording:
+    """An input of that name, which goes up to `largest` and down to half of it, and an output."""
+    series = (
+        Series(channel=Channel(name=name, unit=unit), values=largest * SHAPE, t=T),
+        Series(channel=Channel(name=output, unit=None), values=y, t=T),
+    )
+    return Recording(name="table", series=series, source=Source(name="table.csv"))
+
+
+def question(recording: Recording, role: str, **options: str) -> str:
+    """The sentence that asks for something about a role."""
+    with pytest.raises(MissingInformation) as caught:
+        assign(recording, **options)  # type: ignore[arg-type]
+    return next(each for each in caught.value.missing if role in each)
+
+
+@pytest.mark.parametrize("name", ["pwm", "motorPwm", "duty_cycle", "Duty Cycle", "power", "throttle.left"])
+def test_a_whole_word_of_a_name_tells_a_duty(name: str) -> None:
+    assert is_duty_name(name)
+
+
+@pytest.mark.parametrize("name", ["pwm_voltage", "power_supply", "pwm_V", "dutyVolts", "powerful", "u"])
+def test_a_name_that_also_speaks_of_volts_tells_no_duty(name: str) -> None:
+    assert not is_duty_name(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "largest", "suggestion"),
+    [
+        ("pwm", 200.0, "such as pwm:PWM/255 (raw counts, if 255 is 100 %); its supply"),
+        ("pwm", 80.0, "such as pwm:PWM/255 (raw counts, if 255 is 100 %) or pwm:%; its supply"),
+        ("pwm", 1000.0, "such as pwm:PWM/1023 (raw counts"),
+        ("present_pwm", 600.0, "such as present_pwm:PWM/885 (raw counts"),
+        ("duty", 0.8, "such as duty:1 (a fraction) or duty:%; its supply"),
+        ("duty", 80.5, "such as duty:%; its supply"),
+        ("command", 4000.0, "such as command:PWM/4095 (raw counts"),
+        ("command", 7.5, "such as command:V"),
+    ],
+)
+def test_the_question_for_an_inputs_unit_suggests_what_its_values_can_be(
+    name: str, largest: float, suggestion: str
+) -> None:
+    assert suggestion in question(
+        table(name, largest), "the unit of the input", input=name, output="speed:rpm"
+    )
+
+
+def test_an_output_of_whole_numbers_is_asked_whether_it_is_in_counts() -> None:
+    counts = table("u", output="encoder", y=np.arange(100) ** 2 % 97.0)
+
+    assert "such as encoder:counts with `counts_per_rev=...`, or encoder:deg" in question(counts, "output")
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "is_doubted"), [("duty", None, True), ("duty", "V", False), ("u", None, False)]
+)
+def test_a_duty_read_in_volts_is_doubted_unless_the_file_says_so(
+    name: str, unit: str | None, is_doubted: bool
+) -> None:
+    assigned = assign(table(name, unit=unit), input=f"{name}:V", output="speed:rpm")
+
+    assert ("unit-contradicted" in codes(assigned.findings)) is is_doubted
+
+
+@pytest.mark.parametrize(("largest", "is_doubted"), [(0.8, True), (1.0, True), (1.5, False), (80.0, False)])
+def test_a_duty_that_never_exceeds_one_per_cent_is_doubted(largest: float, is_doubted: bool) -> None:
+    assigned = assign(table("load", largest), input="load:%", output="speed:rpm", supply="12 V")
+
+    assert ("unit-contradicted" in codes(assigned.findings)) is is_doubted
+    if is_doubted:
+        assert "say `input=load:1`" in finding(assigned.findings, "unit-contradicted").sentence
+
+
+@pytest.mark.parametrize(
+    ("output", "chain", "is_doubted"),
+    [
+        ("erpm", "", True),
+        ("motor_eRPM", "none", True),
+        ("erpm", "scale 7", False),
+        ("rpm", "", False),
+        ("power_rpm", "", False),
+    ],
+)
+def test_electrical_revolutions_are_doubted_until_their_factor_is_known(
+    output: str, chain: str, is_doubted: bool
+) -> None:
+    mapping = Mapping(input="u:V", output=f"{output}:rpm", chain=chain)
+
+    evidence = evidence_of(table("u", output=output), mapping)
+
+    assert ("unit-contradicted" in codes(evidence.recording.findings)) is is_doubted
+
+
+def test_servo_pulses_as_the_input_are_to_be_converted() -> None:
+    pulses = table("pwm_us", unit="us")
+    series = (Series(channel=pulses.series[0].channel, values=1500 + 400 * SHAPE, t=T), pulses.series[1])
+    servo = Recording(name="servo", series=series, source=Source(name="servo.csv"))
+
+    assert "`input=pwm_us:UNIT`. These look like servo pulses" in question(
+        servo, "the input", output="speed:rpm"
+    )
+    with pytest.raises(
+        UsageError, match=r"write \(pulse - 1500\)/500 into the file, and say `input=pwm_us:1`"
+    ):
+        assign(servo, input="pwm_us", output="speed:rpm")
+
+
+def test_any_other_time_as_the_input_is_asked_what_a_whole_period_is() -> None:
+    with pytest.raises(UsageError, match=r"not a time\. If it is how long a pulse lasts, say what 100 % is"):
+        assign(table("on_us", 30.0, unit="us"), input="on_us", output="speed:rpm")
+
+
+@pytest.mark.parametrize("name", ["enc", "count", "TIM3_CNT", "pulses"])
+def test_usual_names_of_an_encoder_are_recognised(name: str) -> None:
+    assigned = assign(table("u", output=name, y=np.arange(100) ** 2 % 97.0), counts_per_rev=2048)
+
+    assert assigned.output == name
+
+
+def test_a_count_of_the_rows_is_no_encoder() -> None:
+    assert "which column is the output" in question(table("u", output="count", y=np.arange(100.0)), "output")
