@@ -496,3 +496,11 @@ def test_a_ragged_row_right_below_the_header_costs_itself_and_not_the_names(
     assert [each.severity for each in told] == [Severity.WARNING]
     assert told[0].rows is not None
     assert told[0].rows[0] == 2
+
+
+def test_a_table_that_lies_on_its_side_is_refused_with_the_way_to_turn_it(tmp_path: Path) -> None:
+    upright = np.column_stack([0.01 * np.arange(60), np.ones(60)])
+
+    with pytest.raises(FormatError, match=r"has 2 rows of 60 numbers, as if it lay on its side; .*\.T\)`"):
+        loaded(tmp_path, "\n".join(" ".join(map(str, row)) for row in upright.T.tolist()), "log.txt")
+    assert len(loaded(tmp_path, "\n".join(" ".join(map(str, row)) for row in upright.tolist())).series) == 2

@@ -53,6 +53,7 @@ _BRACKETS = re.compile(r"[\[({]\s*(.*?)\s*[\])}]")
 _REMARK = re.compile(r"\s*[#%]")
 _EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
 _SAMPLE = 300  # rows that the layout is found from, spread over the file
+_SIGNALS, _SAMPLES = 5, 50  # rows at most, and columns at least, of a table that lies on its side
 _FIRST = 1000  # rows by which the numbers must have begun
 _BLOCK = 8192  # rows that are parsed at once; where that fails each of them is examined by itself
 _FEW_OPEN, _SHARE_OPEN = 10, 0.01  # rows with a quote that isn't closed, which cost only themselves
@@ -194,6 +195,7 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     values *= factor
     faults.set_headers_apart(lines.content[start:], _rows_of_names(lines, start, used, layout), layout)
     headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
+    _check_upright(values, name)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
     about_cells = _about_cells(
@@ -222,6 +224,16 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
         stamped=stamped,
     )
     return _with_clock(table, clocks) if clocks else table
+
+
+def _check_upright(values: Array, name: str) -> None:
+    """Raise `FormatError` for a table that lies on its side, with a row for each signal and a column for each sample."""
+    rows, columns = values.shape
+    if rows <= _SIGNALS and columns >= _SAMPLES:
+        raise FormatError(
+            f"{name} has {rows} rows of {columns} numbers, as if it lay on its side; write it with a column for each signal and "
+            'a row for each sample (in Python: `numpy.savetxt("upright.csv", numpy.loadtxt(FILE).T)`)'
+        )
 
 
 def _with_clock(table: Table, clocks: Sequence[str]) -> Table:
