@@ -198,7 +198,7 @@ def test_inspect_draws_in_ascii_where_nothing_else_can_be_encoded(log: Path) -> 
             {
                 '# input = "COL:UNIT"': 'input = "2:V"',
                 '# output = "COL:UNIT"': 'output = "3:deg"',
-                '# sample_time = "20 ms"': 'sample_time = "20 ms"',
+                '# sample_time = "SECONDS"': 'sample_time = "20 ms"',
             },
         ),
     ],

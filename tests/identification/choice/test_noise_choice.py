@@ -8,6 +8,8 @@ import numpy as np
 
 from servobench.identification.choice.noise_choice import allow_for_disturbance
 from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.output_error import fit_minimum
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.dataset import Dataset
@@ -47,7 +49,8 @@ def squares(fit: Fit) -> float:
 
 def test_a_search_that_ended_beside_the_minimum_goes_on_from_where_prediction_error_came_to() -> None:
     data = one_sine()
-    first = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data], (BESIDE,))
+    structure = STRUCTURES["first_order_coulomb"]
+    first = fit_minimum(structure, [data], lowest(structure, [data], [BESIDE]))
     found = allow_for_disturbance(first)
     assert squares(found) < 0.95 * squares(first)
     fit = identify(data).fit

@@ -38,6 +38,7 @@ from servobench.identification.models.first_motion import rests_at_first, stands
 from servobench.identification.models.motion import smooth_speed, turns_both_ways
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
+from servobench.identification.trust.doubts.spikes import spikes_of
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import beside_torque, score_terms
 from servobench.identification.trust.validation import explains_the_colour, is_rounding
@@ -306,6 +307,8 @@ def _climb(
 def _is_damaged(causes: Causes, fit: Fit) -> bool:
     """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
     findings = [finding for record in causes.records for finding in record.findings]
+    if any(len(spikes_of(record)) for record in causes.records):
+        return True
     return names_a_cause([*findings, *about_data(causes.records)]) or causes.are_damage(fit.fit_percent)
 
 

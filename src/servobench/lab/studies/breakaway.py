@@ -101,7 +101,7 @@ class Breakaway(StudySettings):
                     digits=3,
                 ),
             ),
-            note=f"CheckRun {with_unit(self._lateness(stand), 'V', 2)} late: the ramp continues while the shaft turns "
+            note=f"Seen {with_unit(self._lateness(stand), 'V', 2)} late: the ramp continues while the shaft turns "
             f"its first {_MOVED + 1} counts. The voltage alone doesn't show how much of the loss is friction.",
         )
         return StudyResult(tables=(table,), figures=(_figure(own, ramps[-1], self.cases[-1]),))

@@ -24,7 +24,7 @@ _MOST = 0.02  # of the samples: more than that isn't a few spikes but noise
 
 def with_spikes(fit: Fit) -> Fit:
     """Return the fit with its covariance larger by the square of what the spikes of its records move the parameters by."""
-    which = [_spikes_of(record.data) for record in fit.records]
+    which = [spikes_of(record.data) for record in fit.records]
     if not any(map(len, which)):
         return fit
     jacobian, residual = innovations_and_jacobian(fit)
@@ -40,14 +40,15 @@ def with_spikes(fit: Fit) -> Fit:
 
 def _about_fit(fit: Fit) -> list[Finding]:
     """Spikes in any record of a fit: a doubt, or where the intervals allow for them a remark."""
-    which = [_spikes_of(record.data) for record in fit.records]
+    which = [spikes_of(record.data) for record in fit.records]
     if not any(map(len, which)):
         return []
     allowed = any(line.source == "spikes" for line in fit.budget)
     return [_finding(r.data, each, allowed) for r, each in zip(fit.records, which, strict=True) if len(each)]
 
 
-def _spikes_of(data: Dataset) -> NDArray[np.int64]:
+def spikes_of(data: Dataset) -> NDArray[np.int64]:
+    """Return the indices (K,) of the spikes in a record's output; none where it wraps."""
     if any(finding.code == "angle-wraps" for finding in data.findings):
         return np.array([], dtype=np.int64)
     return spikes(data.y, data.quantum or 0.0)
