@@ -2,8 +2,10 @@
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -49,10 +51,33 @@ def test_a_killed_worker_changes_no_row(cluster: Any, tmp_path: Path) -> None:
 
 def test_what_kills_worker_after_worker_is_one_row(cluster: Any) -> None:
     with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
-        found = dict(Cluster(double, client.get_executor(pure=False), ahead=4).results(range(10, 18)))
+        found = dict(Cluster(double, partial(client.submit, pure=False), ahead=4).results(range(10, 18)))
 
     assert isinstance(found.pop(13), Died)
     assert found == {number: 2 * number for number in (10, 11, 12, 14, 15, 16, 17)}
+
+
+def test_what_was_beside_one_that_kills_workers_is_tried_again() -> None:
+    """A client without processes, whose workers die the first time that they get an odd number, and each time for 13."""
+    deaths: list[int] = []
+
+    class KilledWorker(Exception):
+        pass
+
+    def submit(work: Callable[[int], int], number: int) -> Any:
+        def result() -> int:
+            if number == 13 or (number % 2 and number not in deaths):
+                deaths.append(number)
+                raise KilledWorker
+            return work(number)
+
+        return SimpleNamespace(result=result)
+
+    results = dict(Cluster(double, submit, ahead=3).results(range(10, 18)))
+
+    assert isinstance(results.pop(13), Died)
+    assert results == {number: 2 * number for number in (10, 11, 12, 14, 15, 16, 17)}
+    assert deaths == [11, 13, 13, 15, 17]
 
 
 def test_a_cluster_without_workers_is_reported(tmp_path: Path) -> None:

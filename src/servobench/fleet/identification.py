@@ -153,7 +153,7 @@ def pool_of(work: Callable[[Any], Any], count: int, scheduler: str | None) -> It
             raise UsageError(
                 f"`scheduler={scheduler}`: has no workers; start some with `dask worker ADDRESS`"
             )
-        yield Cluster(work, client.get_executor(pure=False), ahead=4 * threads)
+        yield Cluster(work, partial(client.submit, pure=False), ahead=4 * threads)
 
 
 def _check_apart(source: Source, folder: Path) -> None:

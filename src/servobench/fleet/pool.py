@@ -7,16 +7,17 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from servobench.core.errors import UsageError
 
 T = TypeVar("T")
 R = TypeVar("R")
+V = TypeVar("V", covariant=True)
 
 _AHEAD = (
     4  # files that are handed out for each worker: enough that none waits, few enough that memory stays flat
@@ -121,33 +122,50 @@ class Processes(Generic[T, R]):
         return pool
 
 
-class Cluster(Generic[T, R]):
-    """The same by workers elsewhere: `executor` is that of a Dask client, which replaces workers that die by itself."""
+class Pending(Protocol[V]):
+    """A result that is still being worked out, as a future of Dask's is."""
 
-    def __init__(self, work: Callable[[T], R], executor: Executor, ahead: int) -> None:
+    def result(self) -> V:
+        """Wait for the result and return it; raises what the work raised."""
+        ...
+
+
+class Cluster(Generic[T, R]):
+    """The same by workers elsewhere: `submit` is that of a Dask client, which replaces workers that die by itself."""
+
+    def __init__(self, work: Callable[[T], R], submit: Callable[..., Pending[R]], ahead: int) -> None:
         self._work = work
-        self._executor = executor
+        self._submit = submit
         self._ahead = ahead
 
     def results(self, things: Iterable[T]) -> Iterator[tuple[T, R | Died]]:
         """Return what `work` makes of each thing, in their order; `Died` for one that ended several workers."""
-        waiting: deque[tuple[T, Future[R]]] = deque()
+        waiting: deque[tuple[T, Pending[R]]] = deque()
         for thing in things:
-            waiting.append((thing, self._executor.submit(self._work, thing)))
+            waiting.append((thing, self._submit(self._work, thing)))
             if len(waiting) >= self._ahead:
-                yield _collect(waiting)
+                yield self._collect(*waiting.popleft())
         while waiting:
-            yield _collect(waiting)
+            yield self._collect(*waiting.popleft())
 
-
-def _collect(waiting: deque[tuple[T, Future[Any]]]) -> tuple[T, R | Died]:
-    thing, future = waiting.popleft()
-    try:
-        return thing, future.result()
-    except Exception as error:
-        if type(error).__name__ != "KilledWorker":  # Dask's, which isn't imported here
-            raise
+    def _collect(self, thing: T, pending: Pending[R]) -> tuple[T, R | Died]:
+        try:
+            return thing, pending.result()
+        except Exception as error:
+            if not _is_death(error):
+                raise
+        # It may have been there by chance while another thing ended the workers, which has been given up by now.
+        try:
+            return thing, self._submit(self._work, thing).result()
+        except Exception as error:
+            if not _is_death(error):
+                raise
         return thing, Died("the workers that read it ended: a library crashed, or there wasn't enough memory")
+
+
+def _is_death(error: Exception) -> bool:
+    """Whether workers ended, by the name of Dask's error, as Dask isn't imported here."""
+    return type(error).__name__ == "KilledWorker"
 
 
 def _is_done(future: Future[Any]) -> bool:
