@@ -113,6 +113,26 @@ def test_electrical_revolutions_are_doubted_until_their_factor_is_known(
     assert ("unit-contradicted" in codes(evidence.recording.findings)) is is_doubted
 
 
+@pytest.mark.parametrize(
+    ("output", "is_doubted"),
+    [
+        ("ticks", True),
+        ("delta_counts", True),
+        ("encoderPulses", True),
+        ("counts_per_s", False),
+        ("tick rate", False),
+        ("speed", False),
+    ],
+)
+def test_counts_that_are_called_a_speed_are_doubted(output: str, is_doubted: bool) -> None:
+    evidence = evidence_of(table("u", output=output), Mapping(input="u:V", output=f"{output}:counts/s"))
+
+    assert ("unit-contradicted" in codes(evidence.recording.findings)) is is_doubted
+    if is_doubted:
+        doubt = finding(evidence.recording.findings, "unit-contradicted")
+        assert doubt.sentence.endswith(f"`output={output}:counts` and `chain=accumulate`.")
+
+
 def test_servo_pulses_as_the_input_are_to_be_converted() -> None:
     pulses = table("pwm_us", unit="us")
     series = (Series(channel=pulses.series[0].channel, values=1500 + 400 * SHAPE, t=T), pulses.series[1])

@@ -27,6 +27,10 @@ _VOLTAGE_WORDS = frozenset({
 _FULL_SCALES = (255, 1023, 4095, 65535)  # of 8, 10, 12 and 16 bits
 _DYNAMIXEL = 885  # the full scale of `goal_pwm` and `present_pwm`
 _ELECTRICAL = re.compile(r"(?:^|[^a-z])e_?rpm(?:[^a-z]|$)")
+_COUNT_WORDS = frozenset({"count", "counts", "tick", "ticks", "pulse", "pulses", "steps"})
+_RATE_WORDS = frozenset(
+    {"s", "sec", "second", "per", "rate", "speed", "velocity", "vel", "freq", "frequency", "hz"}
+)
 _SERVO_PULSES = (700.0, 2300.0)  # us: 1000 to 2000, and what some servos take beyond
 _CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 _DEFAULT: dict[Role, tuple[str, ...]] = {
@@ -93,16 +97,24 @@ def about_input_unit(series: Series, from_file: bool) -> list[Finding]:
 
 
 def about_output_unit(series: Series) -> list[Finding]:
-    """Return a doubt of a speed that is electrical by its name, and so isn't the shaft's."""
-    name, symbol = series.channel.name, series.channel.unit
-    is_electrical = _ELECTRICAL.search(_CAPITAL.sub("_", name).lower()) is not None
-    if not is_electrical or quantity_of(symbol) != "speed":
+    """Return a doubt of a speed that is electrical by its name, or counts in each row, and so isn't the shaft's."""
+    if quantity_of(series.channel.unit) != "speed":
         return []
-    sentence = (
-        f"`{name}` is called after electrical revolutions, which are those of the shaft times the pole pairs, so that the gain "
-        "is too large by as much. Say `chain=scale N` with N pole pairs, or `chain=scale 1` if it is the shaft's speed."
-    )
-    return [warning("unit-contradicted", sentence, parameters=("gain",))]
+    name = series.channel.name
+    if _ELECTRICAL.search(_CAPITAL.sub("_", name).lower()) is not None:
+        sentence = (
+            f"`{name}` is called after electrical revolutions, which are those of the shaft times the pole pairs, so that the "
+            "gain is too large by as much. Say `chain=scale N` with N pole pairs, or `chain=scale 1` if it is the shaft's speed."
+        )
+        return [warning("unit-contradicted", sentence, parameters=("gain",))]
+    words = _words(name)
+    if series.channel.unit == "counts/s" and words & _COUNT_WORDS and not words & _RATE_WORDS:
+        sentence = (
+            f"`{name}` is called after counts, but is read in counts/s, so that the gain may be off by any factor. If each row "
+            f"holds the counts since the row before, say `output={shell_text(f'{name}:counts')}` and `chain=accumulate`."
+        )
+        return [warning("unit-contradicted", sentence, parameters=("gain",))]
+    return []
 
 
 def pulse_remedy(series: Series) -> str:
