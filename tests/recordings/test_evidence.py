@@ -33,7 +33,7 @@ def about_filters(log: Recording, chain: str = "") -> list[Finding]:
 def test_a_filter_in_the_name_of_the_output_is_doubted(name: str) -> None:
     (doubt,) = about_filters(recording(name))
 
-    assert f"the output `{name}` has passed a filter that nobody describes" in doubt.sentence
+    assert f"the output `{name}` says that it was filtered, but nothing says how" in doubt.sentence
     assert doubt.severity == "warning"
 
 

@@ -36,6 +36,7 @@ _VERDICTS = {
 }
 _TOLD = 0.1  # of the half-width: parts of a budget that are smaller are not worth a word
 _MOST = 5  # findings, unless all are requested
+_REMEDIES = {"rest-to-state"}  # remarks on what the user may know, and what the data then tell
 _MOST_ALIKE = 3  # findings of one kind; many files have the same ones
 
 
@@ -64,10 +65,6 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
         console.print()
         most, alike = (len(rest), len(rest)) if all_findings else (_MOST, 1)
         show_findings(console, rest, most, alike)
-
-
-_REMEDIES = {"rest-to-state"}
-"""Remarks on what the user may know, and what the data then tell."""
 
 
 def _show_refused(console: Console, result: Result, all_findings: bool) -> None:

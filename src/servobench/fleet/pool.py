@@ -149,23 +149,21 @@ class Cluster(Generic[T, R]):
             yield self._collect(*waiting.popleft())
 
     def _collect(self, thing: T, pending: Pending[R]) -> tuple[T, R | Died]:
-        try:
-            return thing, pending.result()
-        except Exception as error:
-            if not _is_death(error):
-                raise
-        # It may have been there by chance while another thing ended the workers, which has been given up by now.
-        try:
-            return thing, self._submit(self._work, thing).result()
-        except Exception as error:
-            if not _is_death(error):
-                raise
-        return thing, Died("the workers that read it ended: a library crashed, or there wasn't enough memory")
+        result = _result_or_death(pending)
+        if isinstance(result, Died):
+            # It may have been there by chance while another thing ended the workers, which has been given up by now.
+            result = _result_or_death(self._submit(self._work, thing))
+        return thing, result
 
 
-def _is_death(error: Exception) -> bool:
-    """Whether workers ended, by the name of Dask's error, as Dask isn't imported here."""
-    return type(error).__name__ == "KilledWorker"
+def _result_or_death(pending: Pending[R]) -> R | Died:
+    """What the work made, or that workers ended over it; raises anything else that the work raised."""
+    try:
+        return pending.result()
+    except Exception as error:
+        if type(error).__name__ != "KilledWorker":  # Dask's, which isn't imported here
+            raise
+        return Died("the workers that read it ended: a library crashed, or there wasn't enough memory")
 
 
 def _is_done(future: Future[Any]) -> bool:

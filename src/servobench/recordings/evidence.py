@@ -103,7 +103,7 @@ def _filters_in_name(recording: Recording) -> list[Finding]:
     raw = next((each for each in names if each != name and plain_name(each).split("_") == rest), None)
     before = f"use `{raw}`, which looks like the same before" if raw else "use the output before it"
     sentence = (
-        f"By its name the output `{name}` has passed a filter that nobody describes, and whose lag would pass for the motor's. "
-        f"Name the filter with `chain=...` (`chain=none` if there is none), or {before}."
+        f"The name of the output `{name}` says that it was filtered, but nothing says how, and the filter's lag would be taken "
+        f"for the motor's. Name it with `chain=...` (`chain=none` if there is no filter), or {before}."
     )
     return [warning("output-filtered", sentence, parameters=("time_constant", "delay"))]

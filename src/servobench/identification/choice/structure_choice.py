@@ -48,7 +48,6 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the winding there is none
 # Terms that hide the others if they are large come first; an arm may need both of the first two before either is determined.
-_MOSTLY_MOTOR = 90.0  # percent of the output that a simulation explains
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
 # Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
@@ -306,9 +305,9 @@ def _climb(
 
 def _is_damaged(causes: Causes, fit: Fit) -> bool:
     """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
-    findings = [finding for record in causes.records for finding in record.findings]
     if any(len(spikes_of(record)) for record in causes.records):
         return True
+    findings = [finding for record in causes.records for finding in record.findings]
     return names_a_cause([*findings, *about_data(causes.records)]) or causes.are_damage(fit.fit_percent)
 
 
@@ -339,7 +338,7 @@ def _candidate_terms(shown: Sequence[TermScore], fit: Fit) -> list[str]:
 
 def _mostly_disturbance(fit: Fit) -> bool:
     """Whether a random torque makes more of the output than one beside a motor does: it can stand for any term."""
-    return fit.disturbance is not None and fit.fit_percent < _MOSTLY_MOTOR
+    return fit.disturbance is not None and fit.fit_percent < _NEARLY_ALL
 
 
 def _significant_terms(shown: Sequence[TermScore]) -> list[str]:

@@ -15,7 +15,7 @@ from dataclasses import replace
 from servobench.identification.estimators.least_squares import Minimum, lowest
 from servobench.identification.models.base import Structure
 from servobench.identification.models.motion import is_one_sine
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _BESIDE = (0.8, 0.9, 1.1, 1.25)  # times the time constant
 
@@ -26,7 +26,7 @@ def with_neighbours(structure: Structure, data: Sequence[Dataset], minimum: Mini
     if (
         not structure.friction
         or "time_constant" not in names
-        or not all(is_one_sine(each.u) for each in data)
+        or not all(_is_driven_by_one_sine(each) for each in data)
     ):
         return minimum
     ends = [minimum]
@@ -38,3 +38,9 @@ def with_neighbours(structure: Structure, data: Sequence[Dataset], minimum: Mini
     return replace(
         best, others=(*minimum.others, *((end.theta, end.cost) for end in ends if end is not best))
     )
+
+
+@keep_with_data
+def _is_driven_by_one_sine(data: Dataset) -> bool:
+    """Whether a record's input is one sine; found once, however many structures are fitted."""
+    return is_one_sine(data.u)

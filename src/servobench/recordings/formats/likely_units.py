@@ -10,7 +10,7 @@ from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import plain
 from servobench.core.units import unit
-from servobench.recordings.formats.roles import Role, quantity_of, shell_text
+from servobench.recordings.formats.roles import CAPITAL, Role, quantity_of, shell_text
 from servobench.recordings.recording import Series
 
 LARGEST_SUPPLY = 60.0
@@ -32,7 +32,6 @@ _RATE_WORDS = frozenset(
     {"s", "sec", "second", "per", "rate", "speed", "velocity", "vel", "freq", "frequency", "hz"}
 )
 _SERVO_PULSES = (700.0, 2300.0)  # us: 1000 to 2000, and what some servos take beyond
-_CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 _DEFAULT: dict[Role, tuple[str, ...]] = {
     "input": ("V",),
     "output": ("deg", "deg/s"),
@@ -82,7 +81,7 @@ def about_input_unit(series: Series, from_file: bool) -> list[Finding]:
     name, symbol, values = series.channel.name, series.channel.unit, _finite(series.values)
     if quantity_of(symbol) == "voltage" and not from_file and is_duty_name(name):
         sentence = (
-            f"`{name}` is called after a duty, but is read in {symbol}, so that the gain may be off by any factor. Say what it "
+            f"`{name}` is named like a duty cycle but read in {symbol}, so the gain may be off by any factor. Say what it "
             f"is, such as {_duty_examples(name, values)}, with `supply=...`; or write V beside its name in the file if it holds "
             "volts."
         )
@@ -101,16 +100,16 @@ def about_output_unit(series: Series) -> list[Finding]:
     if quantity_of(series.channel.unit) != "speed":
         return []
     name = series.channel.name
-    if _ELECTRICAL.search(_CAPITAL.sub("_", name).lower()) is not None:
+    if _ELECTRICAL.search(CAPITAL.sub("_", name).lower()) is not None:
         sentence = (
-            f"`{name}` is called after electrical revolutions, which are those of the shaft times the pole pairs, so that the "
-            "gain is too large by as much. Say `chain=scale N` with N pole pairs, or `chain=scale 1` if it is the shaft's speed."
+            f"By its name `{name}` is an electrical speed, the shaft's times the number of pole pairs, so the gain is too large "
+            "by that number. Say `chain=scale N` with N pole pairs, or `chain=scale 1` if it is the shaft's speed."
         )
         return [warning("unit-contradicted", sentence, parameters=("gain",))]
     words = _words(name)
     if series.channel.unit == "counts/s" and words & _COUNT_WORDS and not words & _RATE_WORDS:
         sentence = (
-            f"`{name}` is called after counts, but is read in counts/s, so that the gain may be off by any factor. If each row "
+            f"`{name}` is named like a count but read in counts/s, so the gain may be off by any factor. If each row "
             f"holds the counts since the row before, say `output={shell_text(f'{name}:counts')}` and `chain=accumulate`."
         )
         return [warning("unit-contradicted", sentence, parameters=("gain",))]
@@ -148,4 +147,4 @@ def _are_whole(values: Array) -> bool:
 
 def _words(name: str) -> set[str]:
     """The words of a name in lower case, without its digits."""
-    return set(re.findall(r"[^\W\d_]+", _CAPITAL.sub("_", name).lower()))
+    return set(re.findall(r"[^\W\d_]+", CAPITAL.sub("_", name).lower()))

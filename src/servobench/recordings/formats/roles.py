@@ -75,7 +75,8 @@ SUPPLY_NAMES = frozenset({
 """The names of what may feed the amplifier; such a column is asked about, never taken."""
 
 _KNOWN = INPUT_NAMES | OUTPUT_NAMES | OUTPUT_NAMES_WITH_UNIT | REFERENCE_NAMES | SUPPLY_NAMES
-_CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+"""Where a word begins within a name in camel case."""
 
 _RECOGNISED: dict[Role, str] = {"input": "input-recognised", "output": "output-recognised"}
 _BOTH = frozenset({"input_voltage"})  # the motor's, unless a duty is beside it
@@ -214,7 +215,7 @@ def _snake_case(text: str) -> str:
     """A text in lower case without accents, with `_` wherever blanks, hyphens, underscores or capitals part its words."""
     text = "".join(each for each in normalize("NFKD", text) if not combining(each))
     plain = "_".join(re.findall(r"[^-_\s]+", text.lower()))
-    return plain if plain in _KNOWN else "_".join(re.findall(r"[^-_\s]+", _CAPITAL.sub("_", text).lower()))
+    return plain if plain in _KNOWN else "_".join(re.findall(r"[^-_\s]+", CAPITAL.sub("_", text).lower()))
 
 
 def _fits(role: Role, plain: str, symbol: str | None) -> bool:
@@ -338,20 +339,20 @@ def _is_of_side(name: str, side: str) -> bool:
     return any(
         each.startswith(tuple(side + joint for joint in _JOINTS))
         or each.endswith(tuple(joint + side for joint in _JOINTS))
-        for each in (name.lower(), _CAPITAL.sub("_", name).lower())
+        for each in (name.lower(), CAPITAL.sub("_", name).lower())
     )
 
 
 def _without_side(name: str, side: str) -> str:
     """A name without what tells one of several motors from the others."""
-    lower = _CAPITAL.sub("_", name).lower()
+    lower = CAPITAL.sub("_", name).lower()
     return lower.removeprefix(side).removesuffix(side).strip(_JOINTS)
 
 
 def one_of_several(names: Sequence[str], role: Role) -> list[str]:
     """Return the names that are known for a role but for a first or last word, which tells several motors apart."""
     known = INPUT_NAMES if role == "input" else OUTPUT_NAMES
-    words = {name: [part for part in re.split(r"[_. -]+", _CAPITAL.sub("_", name)) if part] for name in names}
+    words = {name: [part for part in re.split(r"[_. -]+", CAPITAL.sub("_", name)) if part] for name in names}
     for take in (slice(1, None), slice(None, -1)):
         rests = {name: "_".join(each[take]).lower() for name, each in words.items()}
         for rest in dict.fromkeys(rests.values()):
@@ -375,7 +376,7 @@ def sides_of(names: Sequence[str]) -> tuple[str, ...]:
     """
     if len(names) < 2:
         return ()
-    words = [re.split(r"[_. -]", _CAPITAL.sub("_", name)) for name in names]
+    words = [re.split(r"[_. -]", CAPITAL.sub("_", name)) for name in names]
     for take, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
         sides, others = [each[take] for each in words], {tuple(each[rest]) for each in words}
         if len(others) == 1 and all(others) and len(set(sides)) == len(names) and all(sides):

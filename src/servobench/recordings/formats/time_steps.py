@@ -9,10 +9,12 @@ from servobench.core.units import unit
 from servobench.recordings.formats.roles import plain_name, quantity_of
 from servobench.recordings.recording import Series
 
-_NAMES = frozenset(
+STEP_NAMES = frozenset(
     {"dt", "delta_t", "delta_time", "timestep", "time_step", "time_steps", "sample_time", "sampling_time"}
     | {"sample_period", "sampling_period", "loop_dt", "tsample"}
 )
+"""The names of a column of time steps, or of one sample time, as `plain_name` gives them."""
+
 _NAMES_WITH_UNIT = frozenset({"delta", "step", "period", "interval", "loop_time", "loop_period", "elapsed"})
 _FEWEST = 10  # rows
 _SPREAD = 2.0  # times the median, for nine steps of ten
@@ -26,7 +28,7 @@ def is_named_step(series: Series) -> bool:
     name, quantity = plain_name(series.channel.name), quantity_of(series.channel.unit)
     if series.channel.unit is not None and quantity != "time":
         return False
-    return name in _NAMES or (name in _NAMES_WITH_UNIT and quantity == "time")
+    return name in STEP_NAMES or (name in _NAMES_WITH_UNIT and quantity == "time")
 
 
 def step_unit(series: Series, symbol: str | None = None) -> str | None:

@@ -24,7 +24,7 @@ from servobench.recordings.formats.roles import (
 )
 from servobench.recordings.formats.time_question import question
 from servobench.recordings.formats.time_stamps import STAMP_FORMS
-from servobench.recordings.formats.time_steps import about_steps, step_unit
+from servobench.recordings.formats.time_steps import STEP_NAMES, about_steps, step_unit
 from servobench.recordings.formats.times import MeanStep, mean_step, time_findings
 from servobench.recordings.recording import Recording, Series
 
@@ -94,20 +94,7 @@ def assign_times(
     return " ".join([f"{sentence}.", *why]) if why else sentence
 
 
-_TIME_OF_A_SAMPLE = frozenset(
-    {
-        "ts",
-        "t_s",
-        "dt",
-        "delta_t",
-        "timestep",
-        "time_step",
-        "sample_time",
-        "sampletime",
-        "sampling_time",
-        "tsample",
-    }
-)
+_TIME_OF_A_SAMPLE = STEP_NAMES | {"ts", "t_s", "sampletime"}
 _RATE = frozenset(
     {"fs", "f_s", "sample_rate", "samplerate", "sampling_rate", "sampling_frequency", "sample_frequency"}
 )

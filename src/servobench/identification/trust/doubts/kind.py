@@ -51,9 +51,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
 
 def _way_out(data: Dataset) -> str:
     """How steps of an encoder become a position; the empty text of anything else."""
-    return (
-        "; counts since the row before it become a position with `chain=accumulate`" if data.quantum else ""
-    )
+    return "; counts since the row before become a position with `chain=accumulate`" if data.quantum else ""
 
 
 def _enough_of(data: Dataset) -> Dataset:

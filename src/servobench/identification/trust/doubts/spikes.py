@@ -14,7 +14,7 @@ from servobench.identification.estimators.budget import Contribution
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.uncertainty.score_test import in_innovations, innovations_and_jacobian
 from servobench.recordings.formats.times import in_words
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _LARGE = 6.0  # times what is usual among the largest second differences
 _MOST_MOVED = 2.0  # standard deviations: what moves a parameter farther is outside its interval
@@ -47,6 +47,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     return [_finding(r.data, each, allowed) for r, each in zip(fit.records, which, strict=True) if len(each)]
 
 
+@keep_with_data
 def spikes_of(data: Dataset) -> NDArray[np.int64]:
     """Return the indices (K,) of the spikes in a record's output; none where it wraps."""
     if any(finding.code == "angle-wraps" for finding in data.findings):
