@@ -305,3 +305,27 @@ def test_in_25_samples_a_shaft_that_stands_has_friction_though_a_random_torque_w
     assert result.fit.structure == "first_order_one_way_rest"
     gain = result.fit.estimates["gain"]
     assert abs(gain.value - 20.0) < 3.0 * gain.sd
+
+
+def test_a_ramp_whose_first_speeds_are_the_motions_before_it_leaves_the_shaft_at_rest() -> None:
+    """The sensor still reports 8 rad/s for three samples; without rest, the line that follows them begins the wrong way round."""
+    step, gain, tau, friction = 0.05, 3.0, 0.02, 0.35
+    t = step * np.arange(210)
+    u = -0.25 * t
+    random = np.random.default_rng(1)
+    drive = np.minimum(u + friction, 0.0)
+    speed = gain * signal.lfilter([1 - np.exp(-step / tau)], [1, -np.exp(-step / tau)], drive)
+    y = np.where(speed < 0, speed + 0.08 * random.standard_normal(len(t)), 0.0)
+    y[:4] = [0.66, 8.3, 3.4, 1.1]
+    data = replace(
+        dataset(seed=1, u=u, y=y, samples=len(t), sample_time=step),
+        kind="speed",
+        output_unit="rad/s",
+        quantum=None,
+    )
+
+    result = identify(replace(data, starts_at_rest=True))
+
+    assert result.fit is not None
+    assert result.fit.structure == "first_order_one_way_rest"
+    check(result, gain=gain)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
@@ -238,6 +239,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     drifts = not (is_usual(with_rest) and as_good)
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
     worth = worth or (any(record.starts_at_rest for record in data) and _drives(one_way))
+    worth = worth or (begins and _turns_back_what_stands(one_way))
     # A search that hasn't settled and yet is far ahead went on along a valley; the model without rest would only look settled.
     if not worth or not (with_rest.converged or clearly_better(with_rest, one_way)):
         return replace(simple, fits=fits)
@@ -260,11 +262,23 @@ def _would_stop(one_way: Fit) -> bool:
     return any(bool(np.any(sense * record.data.u < sense * lost)) for record in one_way.records)
 
 
+def _turns_back_what_stands(one_way: Fit) -> bool:
+    """Whether the motor stands for most of the time for which a model without rest turns it back."""
+    sense, lost = np.sign(drive_level(one_way)), one_way.model["coulomb_voltage"]
+    back = [sense * record.data.input_at_output < sense * lost for record in one_way.records]
+    still = [_still(record.data)[weak] for record, weak in zip(one_way.records, back, strict=True)]
+    return bool(np.mean(np.concatenate([*still, [False]])) > 0.5)
+
+
 def _stands(data: Sequence[Dataset]) -> bool:
     """Whether at least one sample in fifty was taken while the motor stood still."""
-    speeds = [np.abs(smooth_speed(record)) for record in data]
-    still = np.concatenate([speed <= _STILL * speed.max() for speed in speeds])
-    return bool(np.mean(still) > 0.02)
+    return bool(np.mean(np.concatenate([_still(record) for record in data])) > 0.02)
+
+
+def _still(data: Dataset) -> NDArray[np.bool_]:
+    """Which samples (M,) were taken while the motor stood still."""
+    speed = np.abs(smooth_speed(data))
+    return speed <= _STILL * speed.max()
 
 
 def _climb(
