@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from servobench.core.finding import Finding, Severity
+from servobench.core.finding import Finding, Severity, Verdict
 from servobench.identification.identify import identify
 from servobench.identification.result import Result
 from servobench.recordings.measurement.dataset import Dataset
@@ -48,8 +49,8 @@ def test_two_records_are_held_against_each_other() -> None:
     assert friction.interval[1] > 3 * FRICTION - 2e-5
     # The jackknife of two values is half of their difference.
     assert friction.sd >= FRICTION * (1 - 1e-3)
-    assert "without run 0" in finding.sentence
-    assert "without run 1" in finding.sentence
+    assert "in run 0" in finding.sentence
+    assert "in run 1" in finding.sentence
 
 
 @pytest.mark.parametrize("friction", [0.0, 1.0, 3.0])
@@ -59,3 +60,28 @@ def test_records_of_one_motor_agree(friction: float) -> None:
 
 def test_one_record_has_nothing_to_disagree_with() -> None:
     assert not apart(identify(runs(1.0), "first_order"))
+
+
+def switched(offset: float, name: str) -> Dataset:
+    """A speed behind a flag that is 0 and 1 by turns: what a motor of 2.5 rad/s per unit does at its working point `offset`."""
+    u = np.repeat([0.0, 1.0] * 6, 200)
+    keep = np.exp(-0.002 / 0.08)
+    speed = 2.5 * (offset + lfilter([1 - keep], [1, -keep], u))
+    y = speed + 0.05 * np.random.default_rng(5).standard_normal(len(u))
+    data = dataset(seed=0, samples=len(u), u=u, y=y)
+    return replace(data, name=name, kind="speed", output_unit="rad/s", input_unit="1", quantum=None)
+
+
+def test_records_with_different_zeros_of_the_input_are_no_wrong_structure() -> None:
+    low, high = switched(2.5, "low"), switched(4.1, "high")
+
+    result = identify([low, high])
+
+    (finding,) = (each for each in result.findings if each.code == "records-disagree")
+    assert "one by one" in finding.sentence
+    assert result.verdict != Verdict.TRUSTED
+    assert "structure-wrong" not in {each.code for each in result.findings}
+    for alone in (low, high):
+        fit = identify(alone).fit
+        assert fit is not None
+        assert abs(fit["gain"].value - 2.5) < 3 * fit["gain"].sd

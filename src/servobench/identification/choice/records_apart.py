@@ -16,7 +16,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.estimate import Estimate
-from servobench.core.finding import Finding, info
+from servobench.core.finding import Finding, info, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval
 from servobench.identification.estimators.base import Estimator, Fit
@@ -28,13 +28,15 @@ from servobench.identification.trust.validation import explains_the_colour
 _MOST = 8  # fits, spread evenly over the records
 # It belongs to the times of each file more than to the motor, and takes up what is wrong with them.
 _OF_THE_FILE = "delay"
+# Percent of the output: records of which the model explains so little together, and so much without one, have no common motor.
+_TOGETHER, _APART_ONLY = 80.0, 90.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Without:
-    """The fit of all records but one, and the name of that one."""
+    """The fit of all records but one, and which those are, in words."""
 
-    name: str
+    which: str
     fit: Fit
 
 
@@ -73,7 +75,7 @@ def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], F
         freedom=len(fit.records) - 1,
     )
     wider = fit.widen(line)
-    findings = (*fit.findings, _finding(apart, selections))
+    findings = (*fit.findings, _finding(fit, apart, selections))
     return replace(wider, intervals={**wider.intervals, **holding}, findings=findings)
 
 
@@ -94,7 +96,8 @@ def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> lis
             continue
         # Under another model of the noise the same data say something else: that is no matter of the records.
         if other.converged and other.estimator == fit.estimator:
-            selections.append(_Without(name=fit.records[number].data.name, fit=other))
+            which = f"in {data[0].name}" if len(data) == 1 else f"without {fit.records[number].data.name}"
+            selections.append(_Without(which=which, fit=other))
     return selections
 
 
@@ -136,9 +139,18 @@ def _hull(estimates: Sequence[Estimate]) -> tuple[float, float]:
     return min(each.interval[0] for each in estimates), max(each.interval[1] for each in estimates)
 
 
-def _finding(apart: Sequence[str], selections: Sequence[_Without]) -> Finding:
+def _finding(whole: Fit, apart: Sequence[str], selections: Sequence[_Without]) -> Finding:
+    values = "; ".join(_line(name, selections) for name in apart)
+    best = max(selections, key=lambda each: each.fit.fit_percent)
+    if whole.fit_percent < _TOGETHER and best.fit.fit_percent > _APART_ONLY:
+        sentence = (
+            f"The records disagree: together the model explains {whole.fit_percent:.0f} % of the output, but {best.which} "
+            f"{best.fit.fit_percent:.0f} %; {values}. The motor, its load, its supply or the zero of its input changed between "
+            "them. Fit them one by one."
+        )
+        return warning("records-disagree", sentence, parameters=tuple(apart))
     sentence = (
-        f"The records don't agree: {'; '.join(_line(name, selections) for name in apart)}. The intervals are widened "
+        f"The records don't agree: {values}. The intervals are widened "
         "to cover each choice of records. The motor changed between them, or doesn't follow this model over all "
         "their levels, speeds and directions, so other records give other values. Fit those in which the motor does "
         "what you need it for."
@@ -149,7 +161,7 @@ def _finding(apart: Sequence[str], selections: Sequence[_Without]) -> Finding:
 def _line(name: str, selections: Sequence[_Without]) -> str:
     low, high = _ends(name, selections)
     words = parameter_in_words(name, low.fit[name].unit)
-    return f"the {words} is {_text(low.fit[name])} without {low.name}, and {_text(high.fit[name])} without {high.name}"
+    return f"the {words} is {_text(low.fit[name])} {low.which}, and {_text(high.fit[name])} {high.which}"
 
 
 def _text(estimate: Estimate) -> str:

@@ -24,6 +24,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if _pendulum_left_out(fit):
         return [warning("structure-wrong", _PENDULUM, parameters=("gain", "time_constant"))]
     codes = {finding.code for finding in fit.findings}
+    if "records-disagree" in codes:
+        return []
     no_noise = "weighed-twice" in codes and not _alternates(fit)
     no_noise = no_noise or ("delay-expected" in codes and _follows_itself(fit))
     if not no_noise or fit.fit_percent >= _EXPLAINED:
