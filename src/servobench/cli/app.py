@@ -6,22 +6,12 @@ import logging
 import os
 import shlex
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
 from servobench._version import __version__
-from servobench.cli.chains import chains
-from servobench.cli.commission import commission
-from servobench.cli.completion import completion
-from servobench.cli.controllers import controllers
-from servobench.cli.convert import convert
-from servobench.cli.design import design
-from servobench.cli.devices import devices
-from servobench.cli.ensemble import ensemble
-from servobench.cli.estimators import estimators
-from servobench.cli.export import export
-from servobench.cli.exports import exports
 from servobench.cli.failures import (
     CANNOT_WRITE,
     DONE,
@@ -30,24 +20,7 @@ from servobench.cli.failures import (
     flush_output,
     report_failure,
 )
-from servobench.cli.faults import faults
-from servobench.cli.fleet.group import fleet
-from servobench.cli.formats import formats
-from servobench.cli.honest import honest
-from servobench.cli.identify import identify
-from servobench.cli.inspect import inspect
-from servobench.cli.lab.group import lab
-from servobench.cli.panel import panel
-from servobench.cli.recover import recover
-from servobench.cli.run import run
-from servobench.cli.signals import signals
-from servobench.cli.stability import stability
-from servobench.cli.structures import structures
-from servobench.cli.studies import studies
 from servobench.cli.terminal import messages, say, spell_what_cannot_be_encoded
-from servobench.cli.tune import tune
-from servobench.cli.watch import watch
-from servobench.cli.why import why
 from servobench.rig.loop.leftovers import sweep
 
 _DEBUG = "--debug"
@@ -79,33 +52,33 @@ def servobench(
     """
 
 
-_COMMANDS: tuple[Callable[..., None], ...] = (
-    run,
-    identify,
-    watch,
-    commission,
-    why,
-    design,
-    tune,
-    stability,
-    honest,
-    ensemble,
-    inspect,
-    export,
-    convert,
-    recover,
-    panel,
-    devices,
-    faults,
-    signals,
-    controllers,
-    chains,
-    structures,
-    estimators,
-    formats,
-    exports,
-    studies,
-    completion,
+_COMMANDS = (
+    "run",
+    "identify",
+    "watch",
+    "commission",
+    "why",
+    "design",
+    "tune",
+    "stability",
+    "honest",
+    "ensemble",
+    "inspect",
+    "export",
+    "convert",
+    "recover",
+    "panel",
+    "devices",
+    "faults",
+    "signals",
+    "controllers",
+    "chains",
+    "structures",
+    "estimators",
+    "formats",
+    "exports",
+    "studies",
+    "completion",
 )
 
 
@@ -122,16 +95,29 @@ def application(words: Sequence[str] = ()) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"], "terminal_width": 80},
     )
     made.callback(epilog=_STATUSES)(servobench)
-    own = [command for command in _COMMANDS if command is not completion]
-    alone = [command for command in own if [command.__name__] == list(words[:1])]
-    for command in alone or _COMMANDS:
-        made.command()(command)
-    for group in () if alone else (fleet, lab):
-        made.add_typer(group)
+    alone = [name for name in _COMMANDS if [name] == list(words[:1]) and name != "completion"]
+    for name in alone or _COMMANDS:
+        made.command()(_command(name))
+    if not alone:
+        from servobench.cli.fleet.group import fleet
+        from servobench.cli.lab.group import lab
+
+        made.add_typer(fleet)
+        made.add_typer(lab)
     return made
 
 
-app = application()
+def _command(name: str) -> Callable[..., None]:
+    """The command of a name, from its file: a command line needs one of them."""
+    command: Callable[..., None] = getattr(import_module(f"servobench.cli.{name}"), name)
+    return command
+
+
+def __getattr__(name: str) -> typer.Typer:
+    """Return `app`: all commands as one application, put together when it is asked for."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return application()
 
 
 def run_app(words: Sequence[str]) -> int:

@@ -21,7 +21,7 @@ def decimate(t: Array, y: Array, columns: int) -> tuple[Array, Array]:
     positions: set[int] = set()
     for start, end in zip(starts, [*starts[1:], len(t)], strict=True):
         part = y[start:end]
-        positions.update((start, start + int(np.argmin(part)), start + int(np.argmax(part)), end - 1))
+        positions.update((start, start + part.argmin(), start + part.argmax(), end - 1))
     index = np.array(sorted(positions))
     return t[index], y[index]
 

@@ -203,12 +203,15 @@ def _by_experiment(recordings: Sequence[Recording]) -> list[Recording]:
 def _environment() -> Environment:
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
+    from servobench.report.template_cache import TemplateCache
+
     return Environment(
         loader=FunctionLoader(source),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        bytecode_cache=TemplateCache(),
     )
 
 

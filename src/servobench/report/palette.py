@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from servobench.core.channels import Array
 from servobench.core.palette import LIGHT, Palette
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 FONT = 11.0  # CSS pixels; one unit of the drawing is one pixel
 LEFT, RIGHT, TITLE, BOTTOM = 42.0, 6.0, 30.0, 40.0  # what stands around axes: labels and titles
 SECOND_SCALE = 44.0  # what a second scale takes on the right
+_X_LABEL = 32.4  # from the axes down to the foot of their label, which is below those of the ticks
 _POINTS_PER_INCH = 72.0  # of Matplotlib's sizes
 
 
@@ -73,9 +74,17 @@ def axes(figure: Figure, box: Box, palette: Palette, title: str) -> Axes:
     for side in ("left", "right", "top"):
         ax.spines[side].set_visible(False)
     ax.spines["bottom"].set(color=palette.rule, linewidth=1.0)
-    ax.grid(True, axis="y", color=palette.rule, linewidth=1.0)
+    ax.grid(True, axis="y")
     ax.set_axisbelow(True)
-    ax.tick_params(which="both", length=0, labelsize=FONT, labelcolor=palette.muted, pad=5)
+    ax.tick_params(
+        which="both",
+        length=0,
+        labelsize=FONT,
+        labelcolor=palette.muted,
+        pad=5,
+        grid_color=palette.rule,
+        grid_linewidth=1.0,
+    )
     ax.tick_params(axis="x", which="major", length=4, color=palette.rule)
     ax.yaxis.set_major_locator(MaxNLocator(nbins=max(2, min(5, int(box.height // 28)))))
     ax.xaxis.set_major_locator(MaxNLocator(nbins=max(3, min(10, int(box.width // 60)))))
@@ -117,29 +126,28 @@ def plain_ticks(ax: Axes) -> None:
 
 def x_label(ax: Axes, text: str, palette: Palette) -> None:
     """Write what the horizontal axis is, below its right end."""
-    ax.set_xlabel(text, fontsize=FONT, color=palette.muted, loc="right", labelpad=4, parse_math=False)
+    _note(ax, 1, -_X_LABEL / ax.bbox.height, text, palette, ha="right")
 
 
 def second_scale(
     ax: Axes, ticks: Sequence[float], labels: Sequence[str], unit: str, palette: Palette
 ) -> None:
     """Write another unit's numbers on the right, at `ticks` of the axes, and the unit above them."""
-    scale = ax.secondary_yaxis("right")
-    scale.patch.set_visible(False)
-    scale.spines["right"].set_visible(False)
-    scale.tick_params(length=0, labelsize=FONT, labelcolor=palette.muted, pad=5)
-    scale.set_yticks(ticks, labels)
-    ax.annotate(
-        unit,
-        (1, 1),
-        xytext=(SECOND_SCALE, 9),
-        ha="right",
-        xycoords="axes fraction",
-        textcoords="offset points",
-        fontsize=FONT,
-        color=palette.muted,
-        parse_math=False,
-    )
+    beside = {"va": "center_baseline", "transform": ax.get_yaxis_transform()}
+    for tick, label in zip(ticks, labels, strict=True):
+        _note(ax, 1 + 5 / ax.bbox.width, tick, label, palette, **beside)
+    _note(ax, 1 + SECOND_SCALE / ax.bbox.width, 1 + 9 / ax.bbox.height, unit, palette, ha="right")
+
+
+def _note(ax: Axes, x: float, y: float, text: str, palette: Palette, **style: Any) -> None:
+    """Write a text beside axes, at fractions of them where the style has no other `transform`."""
+    look: dict[str, Any] = {
+        "fontsize": FONT,
+        "color": palette.muted,
+        "parse_math": False,
+        "transform": ax.transAxes,
+    }
+    ax.text(x, y, text, **(look | style))
 
 
 def legend(ax: Axes, palette: Palette, box: Box) -> None:

@@ -11,6 +11,7 @@ from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from servobench.core.palette import Palette
+from servobench.report.ticks import take_ticks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,12 +20,14 @@ if TYPE_CHECKING:
 PLACEHOLDERS = Palette(
     **{colour.name: f"#0a{number:02x}fe" for number, colour in enumerate(fields(Palette), start=1)}
 )
+_VARIABLES = {getattr(PLACEHOLDERS, colour.name): f"var(--{colour.name})" for colour in fields(Palette)}
 
 _ASIDE = re.compile(
     r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->|<defs>\s*</defs>", re.DOTALL
 )
 _TAG = re.compile(r"<[^>]*>")  # a text of a user's in the drawing has no bare < or >
-_NUMBER = re.compile(r"-?\d+\.\d+")
+_FURTHER_DIGITS = re.compile(r"(?<=\.\d\d)\d+")
+_LAST_ZERO = re.compile(r"(?<=\.\d)0(?!\d)|\.0+(?!\d)")
 _ID = re.compile(r' id="([^"]*)"')
 _REFERENCE = re.compile(r'(?:url\(|href=")#([^")]*)')
 _FONT = re.compile(r"font: (?:(bold|700) )?([\d.]+px) [^;\"]*")
@@ -38,8 +41,9 @@ def inline_svg(figure: Figure, *, name: str, title: str, description: str) -> st
     It scales with the page, has no address, script or style sheet in it, and is an image with the title and the description for
     who can't see it. All its ids begin with `name`, which must be unique on the page.
     """
+    ticks = take_ticks(figure)
     drawing = _render(figure)
-    body = drawing[drawing.index(">", drawing.index("<svg")) + 1 : drawing.rindex("</svg>")]
+    body = ticks + drawing[drawing.index(">", drawing.index("<svg")) + 1 : drawing.rindex("</svg>")]
     body = _ASIDE.sub("", body)
     referred = sorted({old for tag in _TAG.findall(body) for old in _REFERENCE.findall(tag)})
     ids = {old: f"{name}-{number}" for number, old in enumerate(referred)}
@@ -79,7 +83,7 @@ def _rewrite_tag(tag: str, ids: Mapping[str, str]) -> str:
     tag = _ID.sub(lambda match: f' id="{ids[match[1]]}"' if match[1] in ids else "", tag)
     tag = _REFERENCE.sub(lambda match: match[0].replace(f"#{match[1]}", f"#{ids[match[1]]}"), tag)
     tag = _FONT.sub(lambda match: f"{'font-weight: 600; ' if match[1] else ''}font-size: {match[2]}", tag)
-    tag = _NUMBER.sub(lambda match: f"{float(match[0]):.2f}".rstrip("0").rstrip("."), tag)
-    for colour in fields(Palette):
-        tag = tag.replace(getattr(PLACEHOLDERS, colour.name), f"var(--{colour.name})")
+    tag = _LAST_ZERO.sub("", _FURTHER_DIGITS.sub("", tag))
+    for placeholder, variable in _VARIABLES.items():
+        tag = tag.replace(placeholder, variable)
     return tag

@@ -13,17 +13,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
 from pathlib import Path
-from typing import ClassVar, final
+from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 
 from servobench.core.channels import Array, Channel
 from servobench.core.errors import FormatError, UsageError
 from servobench.core.finding import Finding
-from servobench.recordings.formats import lvm_segments, metadata, text_blocks, text_table
+from servobench.recordings.formats import metadata
 from servobench.recordings.formats.base import FORMATS
-from servobench.recordings.formats.columns import Column, recording_of
 from servobench.recordings.recording import Recording, Series, Source
+
+if TYPE_CHECKING:  # what only reading needs is imported there: every run writes a text table
+    from servobench.recordings.formats import text_table
 
 _JSON = re.compile(r'\s*(\{|\[\s*[\[{"0-9-])')
 _MARK = f"# {metadata.SCHEMA} "
@@ -47,6 +49,8 @@ class Csv:
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a text with rows of numbers."""
+        from servobench.recordings.formats import lvm_segments, text_table
+
         if len(head) == 4096 and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
             head = head[: max(head.rfind(b"\n"), head.rfind(b"\r")) + 1] or head  # the last line may be cut
         try:
@@ -59,6 +63,8 @@ class Csv:
 
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return the recordings in a text table, one for each of its blocks; raises `FormatError` where it can't be read."""
+        from servobench.recordings.formats import text_blocks, text_table
+
         data = path.read_bytes()
         # What a recording of ours knows of itself stands in the first line, however much it is.
         text_table.check_lines(
@@ -102,6 +108,8 @@ def _foreign(
     table: text_table.Table, block: slice, path: Path, number: str, findings: tuple[Finding, ...]
 ) -> Recording:
     """The recording that a block of rows of a table is."""
+    from servobench.recordings.formats.columns import Column, recording_of
+
     columns = [
         Column(
             heading=heading, values=np.ascontiguousarray(table.values[block, k]), is_time=k in table.stamped
@@ -216,6 +224,8 @@ def _own(text: str, name: str) -> Recording:
 
 def _own_table(table: str, shapes: Sequence[tuple[int, int]], name: str) -> Array:
     """The numbers (N, M) of a table of ours; `shapes` are the columns and the rows of its groups."""
+    from servobench.recordings.formats import text_table
+
     width, longest = sum(columns for columns, _ in shapes), max((rows for _, rows in shapes), default=0)
     lines = table.split("\n")[1:]
     if lines and not lines[-1]:

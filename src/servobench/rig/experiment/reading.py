@@ -59,7 +59,7 @@ class _ExperimentTable(Settings):
         return values if rate is None else {**values, "sample_time": 1 / rate}
 
 
-class _File(Settings):
+class _File(Settings, defer_build=True):
     """The tables of an experiment's file."""
 
     experiment: _ExperimentTable = _ExperimentTable()
@@ -85,7 +85,7 @@ class _File(Settings):
         return {**self.experiment.fields(), **tables}
 
 
-TABLES = tuple(_File.model_fields)
+TABLES = tuple(_File.__annotations__)
 """The names of the tables that an experiment's file may have."""
 
 
