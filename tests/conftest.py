@@ -15,8 +15,15 @@ import hypothesis
 import pytest
 
 from tests.busy_computer import pytest_runtest_protocol, pytest_terminal_summary
+from tests.kernels import pytest_sessionfinish, pytest_sessionstart, pytest_xdist_node_collection_finished
 
-__all__ = ["pytest_runtest_protocol", "pytest_terminal_summary"]
+__all__ = [
+    "pytest_runtest_protocol",
+    "pytest_sessionfinish",
+    "pytest_sessionstart",
+    "pytest_terminal_summary",
+    "pytest_xdist_node_collection_finished",
+]
 
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")

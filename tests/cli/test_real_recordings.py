@@ -18,7 +18,7 @@ from servobench.identification.identify import identify
 from servobench.recordings.formats.base import load
 from servobench.recordings.formats.mapping import assign
 from servobench.recordings.measurement.measure import measure
-from tests.cli.conftest import Command
+from tests.cli.conftest import Command, Ended
 
 RealData = Callable[[str], Path]
 REFUSED = 3
@@ -106,17 +106,21 @@ def test_a_table_without_times_is_asked_for_its_sample_time(
     assert "--sample-time" in ended.err
 
 
-POTENTIOMETERS: dict[str, dict[str, Any]] = {}
-"""The results of these recordings by their names, once they were identified."""
+IDENTIFIED: dict[tuple[object, ...], Ended] = {}
+"""The ends of commands that identify what several tests look at, by their words; it takes seconds each time."""
+
+
+def identified(servobench: Command, *words: object) -> Ended:
+    """The end of `servobench identify WORDS --json`, which is run once: it says the same each time."""
+    if words not in IDENTIFIED:
+        IDENTIFIED[words] = servobench("identify", *words, "--json")
+    return IDENTIFIED[words]
 
 
 def potentiometer(name: str, servobench: Command, real_data: RealData) -> dict[str, Any]:
     """The result of a recording of a coarse potentiometer."""
-    if name not in POTENTIOMETERS:
-        columns = ("--input", "4:%", "--output", "2:deg", "--sample-time", "0.002")
-        path = real_data(f"gkeiel_pot_servo/{name}.csv")
-        POTENTIOMETERS[name] = servobench("identify", path, *columns, "--json").result
-    return POTENTIOMETERS[name]
+    columns = ("--input", "4:%", "--output", "2:deg", "--sample-time", "0.002")
+    return identified(servobench, real_data(f"gkeiel_pot_servo/{name}.csv"), *columns).result
 
 
 @pytest.mark.parametrize("name", ["gk_pid", "gk_pid_step", "gk_repetitive"])
@@ -218,6 +222,12 @@ def test_half_a_million_rows_without_a_time_ask_for_it_and_are_no_first_order(
     assert result.verdict != "trusted"
 
 
+def romi(side: str, servobench: Command, real_data: RealData) -> Ended:
+    """The end of the identification of one wheel by its speed."""
+    path = real_data("romi_sysid/romi_sysid_data20221106-174834.json")
+    return identified(servobench, path, "--input", f"{side}_voltage", "--output", f"{side}_velocity")
+
+
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_romi_has_the_published_kv_and_ka_from_the_speeds_of_four_tests(
     side: str,
@@ -226,11 +236,7 @@ def test_romi_has_the_published_kv_and_ka_from_the_speeds_of_four_tests(
     tmp_path: Path,
 ) -> None:
     """Published for both wheels together: kS 0.1298 V, kV 2.318 V/(rot/s), kA 0.237 V/(rot/s²)."""
-    path = real_data("romi_sysid/romi_sysid_data20221106-174834.json")
-
-    ended = servobench(
-        "identify", path, "--input", f"{side}_voltage", "--output", f"{side}_velocity", "--json"
-    )
+    ended = romi(side, servobench, real_data)
 
     found = ended.result["parameters"]
     turn = 2 * math.pi
@@ -275,11 +281,7 @@ def test_romi_has_the_published_ks_or_says_why_its_tests_speak_against_it(
     By ordinary least squares on the same rows each wheel alone gives another one, the left 0.03 V and the right 0.22 V, and the
     four tests of one wheel don't agree on it: the slow ramps alone ask for 0.2 to 0.3 V.
     """
-    path = real_data("romi_sysid/romi_sysid_data20221106-174834.json")
-
-    result = servobench(
-        "identify", path, "--input", f"{side}_voltage", "--output", f"{side}_velocity", "--json"
-    ).result
+    result = romi(side, servobench, real_data).result
 
     assert 2 * math.pi / result["parameters"]["gain"]["value"] == pytest.approx(2.318, rel=0.15)
     friction = result["parameters"]["coulomb_voltage"]
@@ -381,7 +383,7 @@ def test_a_pendulum_that_swings_fast_and_slow_tells_gravity_and_not_its_cosine(
     """Gravity is found unasked, too. What it must be comes another way, from `voltage_by_regression` of another run."""
     path = real_data(bench("xl330_2026-01-15_10h28m32"))
 
-    result = servobench("identify", path, *BY_DUTY, *structure, "--json").result
+    result = identified(servobench, path, *BY_DUTY, *structure).result
 
     found = result["parameters"]
     slow = voltage_by_regression(real_data(bench("xl330_2026-01-15_10h28m10")))
@@ -445,9 +447,7 @@ def test_what_a_pendulum_that_swings_little_states_agrees_with_a_run_that_swings
 ) -> None:
     """It is doubtful: the input explains no more than chance, and the simulation 41 %. What it states holds all the same."""
     little, far = (
-        servobench(
-            "identify", real_data(bench(f"xl330_2026-01-15_{name}")), *BY_DUTY, *WITH_GRAVITY, "--json"
-        ).result
+        identified(servobench, real_data(bench(f"xl330_2026-01-15_{name}")), *BY_DUTY, *WITH_GRAVITY).result
         for name in ("10h28m10", "10h28m32")
     )
 

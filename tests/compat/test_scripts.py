@@ -4,6 +4,8 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,15 @@ def run(
     return subprocess.run(
         command, capture_output=True, text=True, timeout=300, input="\n", check=False, cwd=folder
     )
+
+
+Ends = Callable[[str], subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="module")
+def end_of_script() -> Ends:
+    """The end of a script that several tests look at, which runs once; again where a busy computer has a test tried again."""
+    return cache(lambda name: run(SCRIPTS / f"{name}.py"))
 
 
 def written(folder: Path, text: str) -> Path:
@@ -41,8 +52,10 @@ time.sleep(1.0)
 
 
 @pytest.mark.parametrize("name", ["immediate", "hardware_timed", "filtered_control", "watchdog"])
-def test_a_program_runs_and_says_that_it_was_a_stand_in_and_that_the_motor_is_at_rest(name: str) -> None:
-    ended = run(SCRIPTS / f"{name}.py")
+def test_a_program_runs_and_says_that_it_was_a_stand_in_and_that_the_motor_is_at_rest(
+    name: str, end_of_script: Ends
+) -> None:
+    ended = end_of_script(name)
 
     assert ended.returncode == 0, ended.stderr
     assert "Unable" not in ended.stdout
@@ -51,8 +64,8 @@ def test_a_program_runs_and_says_that_it_was_a_stand_in_and_that_the_motor_is_at
     assert ended.stderr.rstrip().endswith(": 0 V, amplifier off.")
 
 
-def test_immediate_calls_turn_the_motor_as_far_as_its_equations_say() -> None:
-    ended = run(SCRIPTS / "immediate.py")
+def test_immediate_calls_turn_the_motor_as_far_as_its_equations_say(end_of_script: Ends) -> None:
+    ended = end_of_script("immediate")
 
     found = re.fullmatch(r"(\d+) counts after 1\.\d+ s\n", ended.stdout)
     assert found
@@ -61,8 +74,8 @@ def test_immediate_calls_turn_the_motor_as_far_as_its_equations_say() -> None:
     assert abs(int(found[1]) - expected) < 0.01 * expected
 
 
-def test_a_task_times_a_loop_without_losing_a_sample() -> None:
-    ended = run(SCRIPTS / "hardware_timed.py")
+def test_a_task_times_a_loop_without_losing_a_sample(end_of_script: Ends) -> None:
+    ended = end_of_script("hardware_timed")
 
     # Friction stops a proportional loop within V_c / k_p = 0.16 / 3 = 0.05 rad of its goal.
     found = re.fullmatch(r"position (\d\.\d+) rad, 0 overflows\n", ended.stdout)
@@ -70,8 +83,8 @@ def test_a_task_times_a_loop_without_losing_a_sample() -> None:
     assert abs(float(found[1]) - 3.14) < 0.06
 
 
-def test_a_starved_watchdog_lets_the_motor_go_and_refuses_until_it_is_cleared() -> None:
-    lines = run(SCRIPTS / "watchdog.py").stdout.splitlines()
+def test_a_starved_watchdog_lets_the_motor_go_and_refuses_until_it_is_cleared(end_of_script: Ends) -> None:
+    lines = end_of_script("watchdog").stdout.splitlines()
 
     # With the twin's viscous friction the gain is 23.70 rad/(s·V), so that 3 V less 0.16 V of friction give 67.3 rad/s.
     assert lines == ["fed: 67 rad/s", "refused", "True False", "starved: 0 rad/s"]

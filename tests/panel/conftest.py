@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,13 +18,18 @@ import pytest
 import uvicorn
 from starlette.types import ASGIApp
 
+from servobench.panel import work
 from servobench.panel.keys import Keys, Session
 from servobench.panel.library import Library
+from servobench.panel.low_priority import surroundings
 from servobench.panel.pages import Panel
 from servobench.panel.server import app, door_for, listen, settings
 from servobench.panel.session import MotorSession
 from servobench.rig.experiment import Experiment
+from tests.panel.browser import Stage
+from tests.panel.browser import served as serve
 from tests.panel.doubles import LoopDouble, unidentified
+from tests.panel.fake import app as app_of_a_bench
 
 PATIENCE = 120.0  # s; on a machine that is busy with other tests
 
@@ -98,6 +105,25 @@ def tab(browser: Any) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
+def stage() -> Iterator[tuple[Stage, str]]:
+    """A server for the benches of a file's tests, one after the other, and its address."""
+    made = Stage()
+    with serve(made) as address:
+        yield made, address
+
+
+@pytest.fixture
+def server(stage: tuple[Stage, str], browser: Any, tab: Any) -> Iterator[tuple[str, Any]]:
+    """The address of the stand-in server, and its bench, which is a new one for each test."""
+    made = app_of_a_bench()
+    with stage[0].shows(made):
+        yield stage[1], made.state.bench
+        for context in browser.contexts:  # a page that is left open would go on with the next test's bench
+            if context is not tab.context:
+                context.close()
+
+
+@pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     with serving(tmp_path_factory.mktemp("library")) as found:
         yield found
@@ -134,6 +160,20 @@ def serving(folder: Path, around: Callable[[ASGIApp], ASGIApp] = lambda inner: i
             thread.join(PATIENCE)
     assert not thread.is_alive()
     assert all(loop.left for loop in loops)
+
+
+@pytest.fixture(scope="module")
+def pressing_work() -> Iterator[None]:
+    """Work on recordings at the priority of everybody else: for tests of what comes of it, which would wait on a busy machine."""
+    program = "import os, runpy; os.nice = lambda _: 0; runpy.run_module('servobench.panel.work', run_name='__main__')"
+
+    def process() -> subprocess.Popen[bytes]:
+        pipes: Any = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        return subprocess.Popen([sys.executable, "-P", "-c", program], env=surroundings(), **pipes)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(work, "_process", process)
+        yield
 
 
 @pytest.fixture

@@ -426,7 +426,9 @@ def app() -> Starlette:
             await ws.send_bytes(frame(bench.motor.tick - len(bench.kept), bench.kept))
         bench.viewers.add(ws)
         await ws.send_text(json.dumps(bench.state(ws)))
-        with suppress(WebSocketDisconnect):
+        with suppress(
+            RuntimeError, WebSocketDisconnect
+        ):  # gone while it waited, or while it was being answered
             while True:
                 asked = await ws.receive_json()
                 if asked.get("do") in ("beat", "hidden"):

@@ -17,6 +17,8 @@ from servobench.panel.library import Library, about_in, nearest_name
 from servobench.recordings.formats.mapping import assign
 from tests.panel.conftest import Served
 
+pytestmark = pytest.mark.usefixtures("pressing_work")
+
 LOGGER = Path(__file__).parents[2] / "examples" / "logger.csv"
 
 

@@ -16,6 +16,8 @@ from servobench.core.errors import FormatError, UnknownName, UsageError
 from servobench.panel.library import ABOUT, About, Library, about_in, check_name, keep_about
 from tests.panel.conftest import Served
 
+pytestmark = pytest.mark.usefixtures("pressing_work")
+
 ODD = (
     "", ".", "..", "...", ".hidden", "-a", "_a", "a/b", "a\\b", "/etc/passwd", "../x", "..\\..\\w", "a/../../b", "C:\\x", "C:x",
     "con", "CON", "nul.txt", "aux", "com1", "LPT9.mcap", "a.", "a\0b", "a\nb", "a b", "a\u202eb", "\u0430bc", "ａ", "a" * 65,

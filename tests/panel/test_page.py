@@ -12,14 +12,12 @@ from typing import Any
 
 import pytest
 
-from tests.panel.browser import served
-
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
 from servobench.systems.control.base import CONTROLLERS
 from servobench.systems.signals.base import SIGNALS
-from tests.panel.fake import LARGEST, app
+from tests.panel.fake import LARGEST
 
 WIDE = {"width": 1440, "height": 900}
 PATIENCE = 120  # s; on a machine that is busy with other tests
@@ -29,7 +27,7 @@ class Panel:
     """One page on one bench; what it asked for and what it complained about is kept."""
 
     def __init__(self, browser: Any, address: str, bench: Any, *, tab: Any = None, **options: Any) -> None:
-        """Open the page in a context of its own, or in a tab in which others were before: each bench has a port of its own."""
+        """Open the page in a context of its own, or in a tab in which others were before."""
         self.bench = bench
         self.page = tab or browser.new_context(**{"viewport": WIDE, **options}).new_page()
         self.context = self.page.context
@@ -52,6 +50,7 @@ class Panel:
         for event, hear in self._heard.items():
             self.page.remove_listener(event, hear)
         self.page.unroute_all()
+        self.page.evaluate("localStorage.clear()")
         self.page.goto("about:blank")
         self.context.clear_cookies()
 
@@ -87,13 +86,6 @@ class Panel:
             self.button("Save what is seen as CSV").click()
         head, *lines = csv.reader(io.StringIO(Path(download.value.path()).read_text("utf-8")))
         return head, [[float(each) for each in line] for line in lines]
-
-
-@pytest.fixture
-def server() -> Iterator[tuple[str, Any]]:
-    made = app()
-    with served(made) as address:
-        yield address, made.state.bench
 
 
 @pytest.fixture

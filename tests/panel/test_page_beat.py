@@ -7,25 +7,15 @@ from typing import Any
 
 import pytest
 
-from tests.panel.browser import served
-
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
-from tests.panel.fake import app
 from tests.panel.test_page import Panel
 
 VISIBILITY = """(state) => {
     Object.defineProperty(document, "hidden", { configurable: true, get: () => state === "hidden" });
     document.dispatchEvent(new Event("visibilitychange"));
 }"""
-
-
-@pytest.fixture
-def server() -> Iterator[tuple[str, Any]]:
-    made = app()
-    with served(made) as address:
-        yield address, made.state.bench
 
 
 @pytest.fixture

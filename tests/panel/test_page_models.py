@@ -9,23 +9,18 @@ from typing import Any
 
 import pytest
 
-from tests.panel.browser import served
-
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
-from tests.panel.fake import app
 from tests.panel.test_page import Panel
 
 
 @pytest.fixture
-def panel(browser: Any, tab: Any) -> Iterator[Panel]:
-    made = app()
-    with served(made) as address:
-        panel = Panel(browser, address, made.state.bench, tab=tab)
-        panel.tab("Recordings")
-        yield panel
-        panel.leave()
+def panel(browser: Any, tab: Any, server: tuple[str, Any]) -> Iterator[Panel]:
+    panel = Panel(browser, *server, tab=tab)
+    panel.tab("Recordings")
+    yield panel
+    panel.leave()
 
 
 # Whatever stands in the column from now on, however short.
@@ -151,21 +146,21 @@ def test_a_recording_that_cannot_be_read_is_named_and_the_others_are_drawn(panel
 
 
 @pytest.mark.parametrize("size", [(1024, 768), (390, 844), (320, 640)])
-def test_the_table_fits_or_is_moved_by_itself(browser: Any, size: tuple[int, int]) -> None:
-    made = app()
-    with served(made) as address:
-        viewport = {"width": size[0], "height": size[1]}
-        panel = Panel(browser, address, made.state.bench, viewport=viewport)
-        panel.tab("Recordings")
-        compare(panel, "square-1-3", "prbs-disc", "chirp-slow")
-        wide = panel.page.evaluate("document.documentElement.scrollWidth")
-        region = panel.page.get_by_role("region", name="Identified models").last
-        region.focus()
-        panel.page.keyboard.press("ArrowRight")
-        moves, here = region.evaluate("(e) => [e.scrollWidth > e.clientWidth + 1, e.tabIndex]")
-        if moves:
-            panel.until(lambda: region.evaluate("(e) => e.scrollLeft") > 0)
-        panel.context.close()
+def test_the_table_fits_or_is_moved_by_itself(
+    browser: Any, server: tuple[str, Any], size: tuple[int, int]
+) -> None:
+    viewport = {"width": size[0], "height": size[1]}
+    panel = Panel(browser, *server, viewport=viewport)
+    panel.tab("Recordings")
+    compare(panel, "square-1-3", "prbs-disc", "chirp-slow")
+    wide = panel.page.evaluate("document.documentElement.scrollWidth")
+    region = panel.page.get_by_role("region", name="Identified models").last
+    region.focus()
+    panel.page.keyboard.press("ArrowRight")
+    moves, here = region.evaluate("(e) => [e.scrollWidth > e.clientWidth + 1, e.tabIndex]")
+    if moves:
+        panel.until(lambda: region.evaluate("(e) => e.scrollLeft") > 0)
+    panel.context.close()
     assert wide <= size[0]
     assert here == 0
 

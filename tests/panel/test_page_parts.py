@@ -8,25 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.panel.browser import served
-
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
 from servobench.panel.catalogue import catalogue
 from servobench.systems.signals.base import SIGNALS
 from servobench.systems.signals.sequence import Sequence
-from tests.panel.fake import app
 from tests.panel.test_page import Panel
 
 
 @pytest.fixture
-def panel(browser: Any, tab: Any) -> Iterator[Panel]:
-    made = app()
-    with served(made) as address:
-        panel = Panel(browser, address, made.state.bench, tab=tab)
-        yield panel
-        panel.leave()
+def panel(browser: Any, tab: Any, server: tuple[str, Any]) -> Iterator[Panel]:
+    panel = Panel(browser, *server, tab=tab)
+    yield panel
+    panel.leave()
 
 
 def tables_in(value: Any) -> bool:
@@ -209,25 +204,25 @@ def test_a_sequence_that_the_loop_has_is_shown_in_its_parts(panel: Panel) -> Non
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (1024, 768), (390, 844), (320, 640)])
-def test_parts_within_parts_fit_into_the_column(browser: Any, size: tuple[int, int]) -> None:
-    made = app()
-    with served(made) as address:
-        viewport = {"width": size[0], "height": size[1]}
-        panel = Panel(browser, address, made.state.bench, viewport=viewport)
-        choose(panel, "sequence")
-        part(panel, "Segment 1 of 2").get_by_label("Kind").select_option("sum")
-        wide, entries = panel.page.evaluate(
-            """() => {
-                const form = document.getElementById("signal").getBoundingClientRect();
-                const all = [...document.querySelectorAll("#signal :is(input, select, button)")];
-                const entries = all.filter((each) => each.checkVisibility());
-                return [document.documentElement.scrollWidth, entries.map((entry) => {
-                    const { left, right, width, height } = entry.getBoundingClientRect();
-                    return [entry.id, entry.tagName, left - form.left, form.right - right, width, height];
-                })];
-            }"""
-        )
-        panel.context.close()
+def test_parts_within_parts_fit_into_the_column(
+    browser: Any, server: tuple[str, Any], size: tuple[int, int]
+) -> None:
+    viewport = {"width": size[0], "height": size[1]}
+    panel = Panel(browser, *server, viewport=viewport)
+    choose(panel, "sequence")
+    part(panel, "Segment 1 of 2").get_by_label("Kind").select_option("sum")
+    wide, entries = panel.page.evaluate(
+        """() => {
+            const form = document.getElementById("signal").getBoundingClientRect();
+            const all = [...document.querySelectorAll("#signal :is(input, select, button)")];
+            const entries = all.filter((each) => each.checkVisibility());
+            return [document.documentElement.scrollWidth, entries.map((entry) => {
+                const { left, right, width, height } = entry.getBoundingClientRect();
+                return [entry.id, entry.tagName, left - form.left, form.right - right, width, height];
+            })];
+        }"""
+    )
+    panel.context.close()
     assert wide <= size[0]
     for name, tag, left, right, width, height in entries:
         assert min(left, right) >= -0.5, name

@@ -17,13 +17,6 @@ from tests.panel.test_page import Panel
 
 
 @pytest.fixture
-def server() -> Iterator[tuple[str, Any]]:
-    made = app()
-    with served(made) as address:
-        yield address, made.state.bench
-
-
-@pytest.fixture
 def panel(browser: Any, tab: Any, server: tuple[str, Any]) -> Iterator[Panel]:
     panel = Panel(browser, *server, tab=tab)
     yield panel

@@ -7,22 +7,17 @@ from typing import Any
 
 import pytest
 
-from tests.panel.browser import served
-
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
-from tests.panel.fake import app
 from tests.panel.test_page import Panel
 
 
 @pytest.fixture
-def panel(browser: Any, tab: Any) -> Iterator[Panel]:
-    made = app()
-    with served(made) as address:
-        panel = Panel(browser, address, made.state.bench, tab=tab)
-        yield panel
-        panel.leave()
+def panel(browser: Any, tab: Any, server: tuple[str, Any]) -> Iterator[Panel]:
+    panel = Panel(browser, *server, tab=tab)
+    yield panel
+    panel.leave()
 
 
 def wrong(panel: Panel, text: str) -> None:
@@ -204,15 +199,15 @@ def test_a_device_offers_the_motors_that_are_known_and_sets_nothing_that_nobody_
     panel.until(lambda: panel.bench.device["settings"] == {"motor": "qube_servo_3"})
 
 
-def test_on_a_phone_the_scopes_begin_in_the_upper_half_and_no_tool_is_cut_off(browser: Any) -> None:
-    made = app()
-    with served(made) as address:
-        phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
-        panel = Panel(browser, address, made.state.bench, **phone)
-        assert panel.page.locator("#tools").bounding_box()["y"] < 844 / 2
-        for tool in panel.page.locator("#tools :is(button, select)").all():
-            box = tool.bounding_box()
-            assert box["x"] >= 0
-            assert box["x"] + box["width"] <= 390, tool.inner_text()
-        assert not panel.page.locator("#stop kbd").is_visible()
-        panel.context.close()
+def test_on_a_phone_the_scopes_begin_in_the_upper_half_and_no_tool_is_cut_off(
+    browser: Any, server: tuple[str, Any]
+) -> None:
+    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+    panel = Panel(browser, *server, **phone)
+    assert panel.page.locator("#tools").bounding_box()["y"] < 844 / 2
+    for tool in panel.page.locator("#tools :is(button, select)").all():
+        box = tool.bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390, tool.inner_text()
+    assert not panel.page.locator("#stop kbd").is_visible()
+    panel.context.close()
