@@ -59,6 +59,7 @@ from servobench.identification.trust.validation import validate
 from servobench.identification.trust.winding import about_winding
 from servobench.identification.uncertainty.curved_valley import with_curved_valley
 from servobench.identification.uncertainty.friction_near_rest import with_friction_near_rest
+from servobench.identification.uncertainty.friction_range import with_friction_range
 from servobench.identification.uncertainty.identifiability import (
     Combination,
     ParameterStatus,
@@ -326,7 +327,11 @@ def _with_allowances(
     one_level = single_level(records) is not None
     fit = with_weak_priors(fit) if one_level else fit
     fit = widen_for_disagreement(
-        with_small_departures(with_static_friction(with_friction_near_rest(with_one_lag(fit)))), method, allow
+        with_small_departures(
+            with_static_friction(with_friction_near_rest(with_one_lag(with_friction_range(fit))))
+        ),
+        method,
+        allow,
     )
     if estimator == "auto":
         fit = with_unseen_torque(fit)

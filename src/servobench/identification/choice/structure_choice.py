@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
@@ -36,7 +35,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
-from servobench.identification.models.motion import smooth_speed, turns_both_ways
+from servobench.identification.models.motion import stands, turns_both_ways
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from servobench.identification.trust.doubts.spikes import spikes_of
@@ -53,7 +52,6 @@ _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
 # Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
 _AS_GOOD = 1.1
-_STILL = 1e-3  # of the largest speed: slower than that a motor stands
 _LARGE = 10_000  # samples, of all records
 _NEARLY_ALL = 90.0  # % of the output
 
@@ -266,19 +264,13 @@ def _turns_back_what_stands(one_way: Fit) -> bool:
     """Whether the motor stands for most of the time for which a model without rest turns it back."""
     sense, lost = np.sign(drive_level(one_way)), one_way.model["coulomb_voltage"]
     back = [sense * record.data.input_at_output < sense * lost for record in one_way.records]
-    still = [_still(record.data)[weak] for record, weak in zip(one_way.records, back, strict=True)]
+    still = [stands(record.data)[weak] for record, weak in zip(one_way.records, back, strict=True)]
     return bool(np.mean(np.concatenate([*still, [False]])) > 0.5)
 
 
 def _stands(data: Sequence[Dataset]) -> bool:
     """Whether at least one sample in fifty was taken while the motor stood still."""
-    return bool(np.mean(np.concatenate([_still(record) for record in data])) > 0.02)
-
-
-def _still(data: Dataset) -> NDArray[np.bool_]:
-    """Which samples (M,) were taken while the motor stood still."""
-    speed = np.abs(smooth_speed(data))
-    return speed <= _STILL * speed.max()
+    return bool(np.mean(np.concatenate([stands(record) for record in data])) > 0.02)
 
 
 def _climb(

@@ -24,6 +24,7 @@ from servobench.core.channels import Array
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.delay_prior import DelayPrior
+from servobench.identification.estimators.friction_across import FRICTION, nearest_corner
 from servobench.identification.estimators.least_squares import (
     Layout,
     Minimum,
@@ -53,6 +54,8 @@ def intervals_near_bounds(
 ) -> dict[str, tuple[float, float]]:
     """Return the 95 % intervals of those shared parameters that are within 3 standard deviations of a bound, by name.
 
+    An input under which the shaft rests is one for friction.
+
     `covariance` (P, P) is that of the shared parameters, with the `prior` of the delay in it where there is one, for which the
     `variance` of the residuals is needed; parameters of which the data say nothing are left out.
     """
@@ -60,7 +63,9 @@ def intervals_near_bounds(
     intervals = {}
     for n, parameter in enumerate(structure.parameters):
         sd, value = float(np.sqrt(covariance[n, n])), float(minimum.theta[n])
-        if not (0 < sd < np.inf) or min(value - lower[n], upper[n] - value) > _NEAR * sd:
+        corner = nearest_corner(data, value) if structure.friction and parameter.name == FRICTION else None
+        corners = [bound for bound in (lower[n], upper[n], corner) if bound is not None]
+        if not (0 < sd < np.inf) or min(abs(value - each) for each in corners) > _NEAR * sd:
             continue
         profile = _Profile(structure, tuple(data), minimum, n, sd, variance, prior)
         intervals[parameter.name] = (profile.end(-1.0, float(lower[n])), profile.end(1.0, float(upper[n])))

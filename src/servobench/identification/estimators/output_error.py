@@ -25,8 +25,10 @@ from servobench.identification.estimators.base import (
     too_few,
 )
 from servobench.identification.estimators.covariance import conservative, inverse, sandwich_from_bread
+from servobench.identification.estimators.delay_across import with_delay_across
 from servobench.identification.estimators.delay_prior import DelayPrior, prior_of_delay, where_expected
 from servobench.identification.estimators.encoder_rounding import counts_in_place, is_rounded, rounding_sines
+from servobench.identification.estimators.friction_across import with_friction_across
 from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import (
     Layout,
@@ -92,6 +94,7 @@ class OutputError:
         minimum = with_neighbours(
             structure, data, best_minimum(structure, data, starts or structure.guesses(data))
         )
+        minimum = with_friction_across(structure, data, with_delay_across(structure, data, minimum))
         minimum = with_usual_friction(structure, data, with_usual_sign(structure, data, minimum))
         return fit_minimum(structure, data, minimum)
 

@@ -124,11 +124,16 @@ class PredictionError:
 ESTIMATORS.member("prediction_error")(PredictionError())
 
 
-def maximum_likelihood(start: Fit, noise: Disturbance) -> Array:
-    """Return the vector (P + ΣQ,) that is most likely under a noise model that is known, searched for from another fit's."""
+def maximum_likelihood(
+    start: Fit, noise: Disturbance, vector: Array | None = None, free: NDArray[np.bool_] | None = None
+) -> Array:
+    """Return the vector (P + ΣQ,) that is most likely under a noise model that is known, searched for from another fit's.
+
+    The search may begin from another `vector` of that size; `free` says which entries may move (all).
+    """
     data = tuple(record.data for record in start.records)
     model = _structure_in_blocks(start.model.structure, noise, data, start.vector)
-    return minimise(model, model.whitened_data, start.vector).theta
+    return minimise(model, model.whitened_data, start.vector if vector is None else vector, free).theta
 
 
 def rounding_explains(fit: Fit, times: float = 2.0) -> bool:

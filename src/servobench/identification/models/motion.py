@@ -15,6 +15,7 @@ _RARE = 1.5  # times what two readings of a shaft at rest may differ by: the mos
 
 
 _ONE = 0.9  # of an input's power in one line of its spectrum: a sine
+_STILL = 1e-3  # of the largest speed: slower than that a motor stands
 _PERIODS = 3  # of a sine in a record: fewer are a step or a ramp
 _BACK = 0.1  # of the way: a position that comes back as far turned round
 
@@ -57,6 +58,12 @@ def smooth_speed(data: Dataset) -> Array:
         return data.y
     after, before = _apart(data)
     return (data.y[after] - data.y[before]) / (data.t_output[after] - data.t_output[before])
+
+
+def stands(data: Dataset) -> NDArray[np.bool_]:
+    """Return which samples (M,) were taken while the motor stood still."""
+    speed = np.abs(smooth_speed(data))
+    return np.asarray(speed <= _STILL * speed.max())
 
 
 def _apart(data: Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

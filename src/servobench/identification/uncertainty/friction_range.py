@@ -1,0 +1,75 @@
+"""How far friction may be from where it is estimated takes gain, time constant and delay along.
+
+Coulomb friction near its bound, none, has an interval of its own, from a profile of the likelihood (Venzon and Moolgavkar 1988):
+a shaft that friction holds and one that it doesn't differ by more than a slope tells. The covariance knows the slope alone, and a
+friction that rests at its bound is held there for the others' sake. So the friction u is set to the far end of its interval, U,
+and the others are searched for. Where one goes twice as far as its own interval reaches, the intervals are stretched to hold it,
+and the budget has
+
+    C = δ δ' / 1.96²,   δ = 8 (θ(u + (U - u)/8) - θ(u)),
+
+whose direction is that of the first eighth of the way: gain and friction have a product in common, which is known as before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.estimators.least_squares import NormalEquations, lowest
+from servobench.identification.estimators.prediction_error import maximum_likelihood
+
+SOURCE: Final = "friction not known"
+_FRICTION: Final = "coulomb_voltage"
+_NEAR: Final = 0.125  # of the way to the far end
+_CLEARLY: Final = (
+    2.0  # times as far as their intervals: what is straight stays within them, and is in the covariance
+)
+
+
+def with_friction_range(fit: Fit) -> Fit:
+    """Return the fit with a line of its budget where the far end of the friction's interval moves the others out of theirs."""
+    if not isinstance(fit.model.structure, NormalEquations) or _FRICTION not in fit.intervals:
+        return fit
+    at, sd = fit.model.names.index(_FRICTION), np.sqrt(np.diag(fit.covariance))
+    interval = fit.intervals[_FRICTION]
+    if not interval[1] - fit.model[_FRICTION] > TWO_SIDED * sd[at]:
+        return fit
+    here, middle, end = (
+        _others_at(fit, at, fit.model[_FRICTION] + part * (interval[1] - fit.model[_FRICTION]))
+        for part in (0.0, _NEAR, 1.0)
+    )
+    way, far = (middle - here) / _NEAR, end - here
+    if not np.any(np.delete(np.abs(far) > _CLEARLY * TWO_SIDED * sd, at)):
+        return fit
+    line = Contribution(
+        source=SOURCE,
+        covariance=np.outer(way, way) / TWO_SIDED**2,
+        reason="more friction explains the data as well, with other values of the rest",
+    )
+    wider = fit.widen(line)
+    there = fit.model.theta + far
+    holding = {
+        name: _interval_with(wider[name].interval, float(there[n])) for n, name in enumerate(fit.model.names)
+    }
+    return replace(wider, intervals={**holding, _FRICTION: interval})
+
+
+def _others_at(fit: Fit, at: int, friction: float) -> Array:
+    """The shared parameters (P,) that explain the data best with this friction."""
+    start, free = fit.vector.copy(), np.arange(len(fit.vector)) != at
+    start[at] = friction
+    if fit.disturbance is not None:
+        return maximum_likelihood(fit, fit.disturbance, start, free)[: len(fit.model.theta)]
+    minimum = lowest(fit.model.structure, [record.data for record in fit.records], (start,), free)
+    return minimum.theta[: len(fit.model.theta)]
+
+
+def _interval_with(interval: tuple[float, float], value: float) -> tuple[float, float]:
+    return min(interval[0], value), max(interval[1], value)
