@@ -113,7 +113,11 @@ def test_a_delay_that_may_be_none_is_not_in_the_equation() -> None:
 
     assert "e^" not in replace(result, fit=tiny).equation
     covariance[at, at] = 1e-14
-    assert "e^" in replace(result, fit=replace(tiny, covariance=covariance)).equation
+    sure = replace(result, fit=replace(tiny, covariance=covariance))
+    for state in State:
+        answer = replace(result.answers["delay"], state=state)
+        shown = "e^" in replace(sure, answers={**result.answers, "delay": answer}).equation
+        assert shown == (state in {State.KNOWN, State.COMBINATION})
 
 
 def test_a_gain_that_is_known_stands_in_the_equation() -> None:

@@ -177,7 +177,7 @@ class Result:
     def equation(self) -> str:
         """The transfer function as a line, to as many digits as are known, K for a gain that isn't; empty without a fit.
 
-        A delay that may be zero isn't in it, unless it is part of a lag that is known only as a whole.
+        A delay that may be zero, or isn't known, isn't in it, unless it is part of a lag that is known only as a whole.
         """
         if self.fit is None:
             return ""
@@ -188,13 +188,7 @@ class Result:
             theta = [as_known(each.value, each.half_width) for each in estimates.values()]
             model = replace(model, theta=np.array(theta))
         system = model.transfer_function("speed")
-        delay = estimates.get("delay")
-        lag = "delay" in self.answers and self.answers["delay"].state is State.COMBINATION
-        if (
-            delay is not None
-            and delay.interval[0] <= 0 <= delay.interval[1]
-            and not (lag and system.delay > 0)
-        ):
+        if not self._tells_delay(system):
             system = replace(system, delay=0.0)
         gain = estimates.get("gain")
         answer = self.answers.get("gain")
@@ -208,6 +202,15 @@ class Result:
         verb = "isn't" if len(unknown) == 1 else "aren't"
         text = f"{above if known else 'K'} / {lags or rest}, {' and '.join(unknown)} {verb} known"
         return f"G(s) = {text}, in {system.unit}"
+
+    def _tells_delay(self, system: TransferFunction) -> bool:
+        """Whether the delay is known and no zero, or its sum with the time constant is known and has it in it."""
+        if self.fit is None or "delay" not in self.fit.model.names:
+            return True
+        answer, (low, high) = self.answers.get("delay"), self.fit["delay"].interval
+        if answer is not None and answer.state is State.COMBINATION:
+            return system.delay > 0
+        return (answer is None or answer.state is State.KNOWN) and not low <= 0 <= high
 
     def _lag_in_words(self, system: TransferFunction) -> str:
         """The denominator with τ in place of an unknown time constant; empty if it is known, or if there are other poles."""

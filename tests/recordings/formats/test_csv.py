@@ -503,4 +503,6 @@ def test_a_table_that_lies_on_its_side_is_refused_with_the_way_to_turn_it(tmp_pa
 
     with pytest.raises(FormatError, match=r"has 2 rows of 60 numbers, as if it lay on its side; .*\.T\)`"):
         loaded(tmp_path, "\n".join(" ".join(map(str, row)) for row in upright.T.tolist()), "log.txt")
+    with pytest.raises(FormatError, match=r"loadtxt\(FILE, delimiter=','\)\.T"):
+        loaded(tmp_path, "\n".join(",".join(map(str, row)) for row in upright.T.tolist()), "log.csv")
     assert len(loaded(tmp_path, "\n".join(" ".join(map(str, row)) for row in upright.tolist())).series) == 2

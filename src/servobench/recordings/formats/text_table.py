@@ -195,7 +195,7 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     values *= factor
     faults.set_headers_apart(lines.content[start:], _rows_of_names(lines, start, used, layout), layout)
     headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
-    _check_upright(values, name)
+    _check_upright(values, name, layout.separator)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
     about_cells = _about_cells(
@@ -226,13 +226,14 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     return _with_clock(table, clocks) if clocks else table
 
 
-def _check_upright(values: Array, name: str) -> None:
+def _check_upright(values: Array, name: str, separator: str) -> None:
     """Raise `FormatError` for a table that lies on its side, with a row for each signal and a column for each sample."""
     rows, columns = values.shape
     if rows <= _SIGNALS and columns >= _SAMPLES:
+        between = f", delimiter={separator!r}" if separator.strip(" ") else ""
         raise FormatError(
             f"{name} has {rows} rows of {columns} numbers, as if it lay on its side; write it with a column for each signal and "
-            'a row for each sample (in Python: `numpy.savetxt("upright.csv", numpy.loadtxt(FILE).T)`)'
+            f'a row for each sample (in Python: `numpy.savetxt("upright.csv", numpy.loadtxt(FILE{between}).T)`)'
         )
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from servobench.core.finding import Finding, warning
+from servobench.core.finding import Finding, info, warning
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 _KNOWN = 0.05  # of its value: a standard deviation beyond that is worth a sentence
+_EXPLAINED = 90.0  # percent of the output: then the intervals say how little is known
+_MORE = (
+    "a larger or richer reference (a PRBS, steps of several sizes), add a dither, or record it in open loop."
+)
 
 
 def _loop_quiet(fit: Fit) -> list[Finding]:
@@ -16,10 +20,12 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
     names = [name for name in ("gain", "time_constant") if name in fit.model.names]
     if fit.converged and all(fit[name].sd <= _KNOWN * abs(fit[name].value) for name in names):
         return []
+    if fit.converged and fit.fit_percent >= _EXPLAINED:
+        sentence = f"This closed loop tells little of the motor. For narrower intervals use {_MORE}"
+        return [info("loop-tells-little", sentence, parameters=tuple(names))]
     sentence = (
         "In this closed loop the voltage is mostly the controller's response to noise and "
-        "disturbances, and the motor moves too little to be identified. Use a larger or richer "
-        "reference (a PRBS, steps of several sizes), add a dither, or record it in open loop."
+        f"disturbances, and the motor moves too little to be identified. Use {_MORE}"
     )
     return [warning("loop-tells-little", sentence, parameters=tuple(names))]
 
