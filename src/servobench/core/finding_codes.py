@@ -196,6 +196,8 @@ _TABLE = (
         "Let the input change faster."),
     FindingCode("input-unrelated", "The output doesn't depend on the input.",
         "Check that the columns belong together.", Role.EXPLANATION),
+    FindingCode("input-unsigned", "The input was recorded without its direction.", "Record the input with its sign.",
+        Role.EXPLANATION),
     FindingCode("instruments-from-reference", "The instruments were made from the loop's reference."),
     FindingCode("instruments-weak", "The instruments explain little of the input.",
         "Let the reference change more often or further."),

@@ -278,7 +278,7 @@ def _judge(
         *_causes(fit, nominal),
         *_about_known([*choice.findings, *fit.findings], statuses),
         *about_answers(statuses, combined, fit),
-        *about_fit(fit, nominal_motor(nominal)),
+        *_about_known(about_fit(fit, nominal_motor(nominal)), statuses),
         *about_winding(fit),
         *about_current_input(fit),
         *([] if choice.computed else validate(fit)),
@@ -302,17 +302,21 @@ def _judge(
 
 
 def _about_known(findings: Sequence[Finding], answers: Mapping[str, ParameterStatus]) -> list[Finding]:
-    """The findings without those on an end of its range of a parameter that isn't known by itself.
+    """The findings without those on the value of a parameter that isn't known by itself, or on an end of its range.
 
     A time constant that the data don't tell ends anywhere, at next to nothing as well; that is no sign of a wrong model.
     """
-    return [
-        each
-        for each in findings
-        if each.code != "parameter-at-bound"
-        or (each.severity is not Severity.INFO and each.parameters != (TIME_CONSTANT.name,))
-        or any(answers[name].state is State.KNOWN for name in each.parameters if name in answers)
-    ]
+    return [each for each in findings if not _is_about_unknown(each, answers)]
+
+
+def _is_about_unknown(finding: Finding, answers: Mapping[str, ParameterStatus]) -> bool:
+    unknown = answers.get(finding.parameters[0]) if finding.parameters else None
+    if unknown is None or unknown.state is State.KNOWN:
+        return False
+    if finding.code == "offset-found":
+        return True
+    lenient = finding.severity is Severity.INFO or finding.parameters == (TIME_CONSTANT.name,)
+    return finding.code == "parameter-at-bound" and lenient
 
 
 def _with_allowances(

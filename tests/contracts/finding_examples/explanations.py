@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.signal import lfilter
 
+from servobench.core.channels import Array
 from servobench.core.finding import Finding
 from servobench.identification.trust.explanations.base import explain
 from servobench.identification.trust.explanations.hysteresis import play
@@ -54,6 +55,11 @@ def _hysteresis() -> Dataset:
 
 def _of_another_motor() -> Dataset:
     return replace(sound(), u=sound(seed=4).u)
+
+
+def _both_ways() -> Array:
+    """Voltages (5000,) of either sign, 0.5 s each."""
+    return np.repeat(np.random.default_rng(7).uniform(-3.0, 3.0, 20), 250)
 
 
 def _wrong_label() -> Dataset:
@@ -111,6 +117,9 @@ EXAMPLES = (
     _example("gain-falls", _clipped, lambda: driven(staircase())),
     _example("hysteresis", _hysteresis, lambda: driven(sines())),
     _example("input-unrelated", _of_another_motor, sound),
+    _example(
+        "input-unsigned", lambda: told(np.abs(_both_ways()), _both_ways()), lambda: driven(_both_ways())
+    ),
     _example("level-disagrees", _wrong_label, lambda: driven(staircase())),
     _example("motor-changes", _sagging, sound),
     _example("drag-not-linear", lambda: odd(1, "prbs", drag=1e-4), lambda: odd(1, "prbs")),

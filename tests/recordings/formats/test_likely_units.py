@@ -73,6 +73,14 @@ def test_an_output_of_whole_numbers_is_asked_whether_it_is_in_counts() -> None:
     assert "such as encoder:counts with `counts_per_rev=...`, or encoder:deg" in question(counts, "output")
 
 
+def test_pulses_may_be_those_since_the_row_before() -> None:
+    pulses = table("u", output="Pulses", y=np.arange(100) ** 2 % 97.0)
+
+    assert "(and `chain=accumulate` if each row holds the counts since the row before)" in question(
+        pulses, "output"
+    )
+
+
 @pytest.mark.parametrize(
     ("name", "unit", "is_doubted"), [("duty", None, True), ("duty", "V", False), ("u", None, False)]
 )

@@ -48,7 +48,12 @@ def unit_examples(role: Role, series: Series) -> str:
         return f"{_duty_examples(name, values)}; its supply goes into `supply=...`"
     symbols = " or ".join(shell_text(f"{name}:{symbol}") for symbol in _DEFAULT[role])
     if role == "output" and _are_whole(values):
-        return f"{shell_text(f'{name}:counts')} with `counts_per_rev=...`, or {symbols}"
+        new = (
+            " (and `chain=accumulate` if each row holds the counts since the row before)"
+            if _words(name) & _COUNT_WORDS
+            else ""
+        )
+        return f"{shell_text(f'{name}:counts')} with `counts_per_rev=...`{new}, or {symbols}"
     return symbols
 
 
