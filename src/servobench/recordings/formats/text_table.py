@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info, list_text, warning
+from servobench.core.rounding import count_text
 from servobench.core.units import is_unit
 from servobench.recordings.formats.capture_clock import (
     CAPTURE_TIME,
@@ -232,8 +233,8 @@ def _check_upright(values: Array, name: str, separator: str) -> None:
     if rows <= _SIGNALS and columns >= _SAMPLES:
         between = f", delimiter={separator!r}" if separator.strip(" ") else ""
         raise FormatError(
-            f"{name} has {rows} rows of {columns} numbers, as if it lay on its side; write it with a column for each signal and "
-            f'a row for each sample (in Python: `numpy.savetxt("upright.csv", numpy.loadtxt(FILE{between}).T)`)'
+            f"{name} has {count_text(rows, 'row')} of {columns} numbers, as if it lay on its side; write it with a column for "
+            f'each signal and a row for each sample (in Python: `numpy.savetxt("upright.csv", numpy.loadtxt(FILE{between}).T)`)'
         )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from servobench.core.channels import Array
 from servobench.core.finding import warning
@@ -56,6 +55,8 @@ def with_braking(data: Dataset, factor: float, over: float) -> Dataset:
 
     `over` is the time [s] over which the acceleration is taken.
     """
+    from scipy.ndimage import uniform_filter1d
+
     t = data.t_output
     samples = max(1, round(over / data.sample_time))
     speed = uniform_filter1d(smooth_speed(data), samples, mode="nearest")
