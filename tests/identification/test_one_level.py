@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -89,8 +90,8 @@ def test_a_number_that_is_not_known_is_not_printed() -> None:
     ]
     assert result.equation.startswith("G(s) = K / (")
     assert f"{result.fit['gain'].value:.3g}"[:3] not in result.equation
-    assert "<mi>K</mi>" in transfer_function_math(result.fit)
-    assert f"{result.fit['gain'].value:.4g}" not in transfer_function_math(result.fit)
+    assert "<mi>K</mi>" in transfer_function_math(result)
+    assert f"{result.fit['gain'].value:.4g}" not in transfer_function_math(result)
 
 
 def test_a_time_constant_that_is_not_known_is_a_letter_in_the_equation() -> None:
@@ -100,6 +101,17 @@ def test_a_time_constant_that_is_not_known_is_a_letter_in_the_equation() -> None
 
     assert "(τ s + 1), τ isn't known" in unknown.equation
     assert "τ" not in result.equation
+    assert transfer_function_math(result).count("<mi>τ</mi>") == 1
+    assert transfer_function_math(unknown).count("<mi>τ</mi>") == 2  # in the numbers, too
+
+
+def test_an_equation_of_which_no_number_is_known_has_none_on_the_page() -> None:
+    result = identify(stepped(2.0, 1.0))
+    open_ones = {n: replace(each, state=State.UNKNOWN) for n, each in result.answers.items()}
+
+    assert re.findall(r"<mn>([^<]*)</mn>", transfer_function_math(replace(result, answers=open_ones))) == [
+        "1"
+    ]
 
 
 def test_a_delay_that_may_be_none_is_not_in_the_equation() -> None:

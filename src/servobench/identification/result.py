@@ -187,37 +187,45 @@ class Result:
         ):  # of polynomials no coefficient can be rounded by itself
             theta = [as_known(each.value, each.half_width) for each in estimates.values()]
             model = replace(model, theta=np.array(theta))
-        system = model.transfer_function("speed")
-        if not self._tells_delay(system):
+        system, unknown = model.transfer_function("speed"), self.unknown_symbols
+        if "d" in unknown:
             system = replace(system, delay=0.0)
-        gain = estimates.get("gain")
-        answer = self.answers.get("gain")
-        untold = answer is not None and answer.state in (State.COMBINATION, State.UNKNOWN)
-        known = gain is None or (all(map(math.isfinite, gain.interval)) and not untold)
-        lags = self._lag_in_words(system)
-        if (known and not lags) or len(system.numerator) > 1:
+        letters = [each for each in ("K", "τ") if each in unknown]
+        if len(system.denominator) != 2 and "τ" in letters:  # there are other poles
+            letters.remove("τ")
+        if not letters or len(system.numerator) > 1:
             return f"G(s) = {system}, in {system.unit}"
         above, _, rest = str(system).partition(" / ")
-        unknown = [*([] if known else ["K"]), *(["τ"] if lags else [])]
-        verb = "isn't" if len(unknown) == 1 else "aren't"
-        text = f"{above if known else 'K'} / {lags or rest}, {' and '.join(unknown)} {verb} known"
-        return f"G(s) = {text}, in {system.unit}"
+        verb = "isn't" if len(letters) == 1 else "aren't"
+        text = f"{'K' if 'K' in letters else above} / {'(τ s + 1)' if 'τ' in letters else rest}"
+        return f"G(s) = {text}, {' and '.join(letters)} {verb} known, in {system.unit}"
 
-    def _tells_delay(self, system: TransferFunction) -> bool:
+    @property
+    def unknown_symbols(self) -> frozenset[str]:
+        """Those of the letters K, τ and d in G(s) = K e^(-ds)/(τs + 1) that no number should stand for; empty without a fit.
+
+        A gain or a time constant that isn't known by itself, and a delay that isn't known or may be zero, unless it is part of a
+        lag that is known as a whole.
+        """
+        if self.fit is None:
+            return frozenset()
+        gain, states = self.fit.estimates.get("gain"), {n: each.state for n, each in self.answers.items()}
+        is_open = gain is not None and not all(map(math.isfinite, gain.interval))
+        unknown = {
+            "K": is_open or states.get("gain") in (State.COMBINATION, State.UNKNOWN),
+            "τ": states.get("time_constant", State.KNOWN) is not State.KNOWN,
+            "d": not self._tells_delay(states.get("delay", State.KNOWN)),
+        }
+        return frozenset(letter for letter, is_unknown in unknown.items() if is_unknown)
+
+    def _tells_delay(self, state: State) -> bool:
         """Whether the delay is known and no zero, or its sum with the time constant is known and has it in it."""
         if self.fit is None or "delay" not in self.fit.model.names:
             return True
-        answer, (low, high) = self.answers.get("delay"), self.fit["delay"].interval
-        if answer is not None and answer.state is State.COMBINATION:
-            return system.delay > 0
-        return (answer is None or answer.state is State.KNOWN) and not low <= 0 <= high
-
-    def _lag_in_words(self, system: TransferFunction) -> str:
-        """The denominator with τ in place of an unknown time constant; empty if it is known, or if there are other poles."""
-        lag = self.answers.get("time_constant")
-        if lag is None or lag.state is State.KNOWN or len(system.denominator) != 2:
-            return ""
-        return "(τ s + 1)"
+        if state is State.COMBINATION:
+            return self.fit.model["delay"] > 0
+        low, high = self.fit["delay"].interval
+        return state is State.KNOWN and not low <= 0 <= high
 
     @cached_property
     def derived(self) -> dict[str, Derived]:

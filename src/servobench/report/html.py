@@ -115,7 +115,7 @@ def _tables(result: Result) -> dict[str, Any]:
     """The model in symbols and numbers, and what else stands in tables."""
     fit, data = result.fit, result.data
     return {
-        "math": transfer_function_math(fit) if fit else "",
+        "math": transfer_function_math(result),
         "lost": summary.loss_text(fit) if fit else "",
         "parameters": tables.parameter_rows(result),
         "budget": tables.budget_rows(result),

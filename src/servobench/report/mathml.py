@@ -10,22 +10,27 @@ from servobench.core.channels import Array
 from servobench.core.parameter_names import parameter_symbol
 from servobench.core.rounding import plain
 from servobench.identification.estimators.base import Fit
+from servobench.identification.result import Result
 from servobench.identification.uncertainty.bands import coefficient_halves
 from servobench.systems.transfer_function import TransferFunction
 
 _MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
 
 
-def transfer_function_math(fit: Fit) -> str:
-    """Return G(s) of the fit, from input to speed, as `<math>` elements: in symbols where they are known, and in numbers."""
-    system = fit.model.transfer_function("speed")
-    numbers = _in_numbers(system, coefficient_halves(fit), _gain_is_known(fit))
+def transfer_function_math(result: Result) -> str:
+    """Return G(s), from input to speed, in `<math>` elements: its symbols, and the numbers that are known; empty without a fit."""
+    fit = result.fit
+    if fit is None:
+        return ""
+    system, unknown = fit.model.transfer_function("speed"), result.unknown_symbols
     unit = f'<mspace width="0.6em"></mspace><mtext>{escape(system.unit)}</mtext>'
-    whole = _row(_name("G"), _brackets(_name("s")))
-    if not _is_first_order(fit, system):
+    whole, first_order = _row(_name("G"), _brackets(_name("s"))), _is_first_order(fit, system)
+    numbers = _in_numbers(system, coefficient_halves(fit), unknown if first_order else unknown - {"τ"})
+    if not first_order:
         return _math(whole, _sign("="), numbers, unit)
-    lag = _row(_name("τ"), _name("s"), _sign("+"), _number("1"))
-    symbols = _row(_fraction(_name("K"), lag), _delay_factor(_row(_sign("−"), _name("d"), _name("s"))))
+    symbols = _row(_fraction(_name("K"), _lag()), _delay_factor(_row(_sign("−"), _name("d"), _name("s"))))
+    if unknown >= {"K", "τ"}:
+        return _math(whole, _sign("="), symbols, unit)
     # Two pieces, so that a narrow page can set them below each other.
     return _math(whole, _sign("="), symbols) + _math(_sign("="), numbers, unit)
 
@@ -45,17 +50,17 @@ def _is_first_order(fit: Fit, system: TransferFunction) -> bool:
     )
 
 
-def _gain_is_known(fit: Fit) -> bool:
-    return "gain" not in fit.estimates or bool(np.isfinite(fit.estimates["gain"].interval).all())
+def _lag() -> str:
+    return _row(_name("τ"), _name("s"), _sign("+"), _number("1"))
 
 
-def _in_numbers(system: TransferFunction, halves: Array, gain_is_known: bool) -> str:
+def _in_numbers(system: TransferFunction, halves: Array, unknown: frozenset[str]) -> str:
     upper, lower = len(system.numerator), len(system.denominator)
-    whole = gain_is_known or upper > 1
+    whole = "K" not in unknown or upper > 1
     numerator = _polynomial(system.numerator, halves[:upper]) if whole else _name("K")
-    denominator = _polynomial(system.denominator, halves[upper : upper + lower])
+    denominator = _lag() if "τ" in unknown else _polynomial(system.denominator, halves[upper : upper + lower])
     fraction = _fraction(numerator, denominator)
-    if system.delay == 0:
+    if system.delay == 0 or "d" in unknown:
         return fraction
     text = _coefficient(abs(system.delay), halves[-1])
     minus = (_sign("−"),) if system.delay > 0 else ()
