@@ -18,7 +18,7 @@ _MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
 
 
 def transfer_function_math(result: Result) -> str:
-    """Return G(s), from input to speed, in `<math>` elements: its symbols, and the numbers that are known; empty without a fit."""
+    """Return G(s), from input to speed, as `<math>` elements: symbols, and what is known in numbers; empty without a fit."""
     fit = result.fit
     if fit is None:
         return ""
