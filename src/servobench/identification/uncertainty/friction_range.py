@@ -28,37 +28,46 @@ from servobench.identification.estimators.prediction_error import maximum_likeli
 SOURCE: Final = "friction not known"
 _FRICTION: Final = "coulomb_voltage"
 _NEAR: Final = 0.125  # of the way to the far end
-_CLEARLY: Final = (
-    2.0  # times as far as their intervals: what is straight stays within them, and is in the covariance
-)
+_KNOWN: Final = 0.5  # of its value: a gain known to no better isn't stated by itself
+_CLEARLY: Final = 2.0  # times their intervals: what is straight stays within them
 
 
 def with_friction_range(fit: Fit) -> Fit:
     """Return the fit with a line of its budget where the far end of the friction's interval moves the others out of theirs."""
-    if not isinstance(fit.model.structure, NormalEquations) or _FRICTION not in fit.intervals:
+    if not _is_open(fit):
         return fit
     at, sd = fit.model.names.index(_FRICTION), np.sqrt(np.diag(fit.covariance))
     interval = fit.intervals[_FRICTION]
-    if not interval[1] - fit.model[_FRICTION] > TWO_SIDED * sd[at]:
+    reach = interval[1] - fit.model[_FRICTION]
+    here, there = (_others_at(fit, at, fit.model[_FRICTION] + each) for each in (0.0, reach))
+    if not np.any(np.delete(np.abs(there - here) > _CLEARLY * TWO_SIDED * sd, at)):
         return fit
-    here, middle, end = (
-        _others_at(fit, at, fit.model[_FRICTION] + part * (interval[1] - fit.model[_FRICTION]))
-        for part in (0.0, _NEAR, 1.0)
-    )
-    way, far = (middle - here) / _NEAR, end - here
-    if not np.any(np.delete(np.abs(far) > _CLEARLY * TWO_SIDED * sd, at)):
-        return fit
+    way = (_others_at(fit, at, fit.model[_FRICTION] + _NEAR * reach) - here) / _NEAR
     line = Contribution(
         source=SOURCE,
         covariance=np.outer(way, way) / TWO_SIDED**2,
         reason="more friction explains the data as well, with other values of the rest",
     )
     wider = fit.widen(line)
-    there = fit.model.theta + far
+    far = fit.model.theta + there - here
     holding = {
-        name: _interval_with(wider[name].interval, float(there[n])) for n, name in enumerate(fit.model.names)
+        name: _interval_with(wider[name].interval, float(far[n])) for n, name in enumerate(fit.model.names)
     }
     return replace(wider, intervals={**holding, _FRICTION: interval})
+
+
+def _is_open(fit: Fit) -> bool:
+    """Whether a gain is known by itself, beside a friction that may be larger by more than its standard deviation says."""
+    names = fit.model.names
+    if (
+        not isinstance(fit.model.structure, NormalEquations)
+        or "gain" not in names
+        or _FRICTION not in fit.intervals
+    ):
+        return False
+    if not TWO_SIDED * fit.sd("gain") < _KNOWN * abs(fit.model["gain"]):
+        return False
+    return fit.intervals[_FRICTION][1] - fit.model[_FRICTION] > TWO_SIDED * fit.sd(_FRICTION)
 
 
 def _others_at(fit: Fit, at: int, friction: float) -> Array:

@@ -17,7 +17,7 @@ from servobench.recordings.measurement.dataset import Dataset
 _BOTH = 0.1  # of the samples in which the shaft turns: so many go either way
 
 
-def _unsigned(case: Case) -> CauseFit | None:
+def _missing_sign(case: Case) -> CauseFit | None:
     """Whether |u| times the direction of motion makes the equation hold where u never changes its sign, and the motion does."""
     inputs = np.concatenate([each.u for each in case.motions])
     if inputs.min() < 0 < inputs.max() or not np.ptp(inputs) > 0:
@@ -35,7 +35,7 @@ def _unsigned(case: Case) -> CauseFit | None:
         ),
         misfit=case.with_input(_with_sign).misfit,
         chosen=1,
-        remedy=_signed,
+        remedy=_with_direction,
     )
 
 
@@ -43,10 +43,10 @@ def _with_sign(motion: Motion) -> Array:
     return np.abs(motion.u) * motion.sense
 
 
-def _signed(data: Dataset) -> Dataset:
+def _with_direction(data: Dataset) -> Dataset:
     """A record whose input acts in the direction of the motion."""
     at = np.minimum(np.searchsorted(data.t_output, data.t_input), len(data.y) - 1)
     return replace(data, u=np.abs(data.u) * directions(data)[at], reference=None)
 
 
-EXPLANATIONS.member("unsigned")(_unsigned)
+EXPLANATIONS.member("unsigned")(_missing_sign)
