@@ -36,8 +36,10 @@ def with_delay_across(structure: Structure, data: Sequence[Dataset], minimum: Mi
     at, step = names.index("delay"), max(record.sample_time for record in data)
     delay = float(minimum.theta[at])
     corner = step * round(delay / step)
+    if corner <= 0:
+        return minimum
     sd = standard_deviation(structure, data, minimum, at)
-    if corner <= 0 or not abs(delay - corner) <= _REACH * sd < _REACH * step:
+    if not abs(delay - corner) <= _REACH * sd < _REACH * step:
         return minimum
     start = minimum.theta.copy()
     start[at] = corner + (0.5 * step if delay < corner else -0.5 * step)

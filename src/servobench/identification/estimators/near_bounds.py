@@ -54,10 +54,9 @@ def intervals_near_bounds(
 ) -> dict[str, tuple[float, float]]:
     """Return the 95 % intervals of those shared parameters that are within 3 standard deviations of a bound, by name.
 
-    An input under which the shaft rests is one for friction.
-
-    `covariance` (P, P) is that of the shared parameters, with the `prior` of the delay in it where there is one, for which the
-    `variance` of the residuals is needed; parameters of which the data say nothing are left out.
+    An input under which the shaft rests counts as a bound of friction. `covariance` (P, P) is that of the shared parameters, with
+    the `prior` of the delay in it where there is one, for which the `variance` of the residuals is needed; parameters of which
+    the data say nothing are left out.
     """
     lower, upper = structure.bounds(data)
     intervals = {}

@@ -22,11 +22,11 @@ from servobench.core.channels import Array
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution
+from servobench.identification.estimators.friction_across import FRICTION
 from servobench.identification.estimators.least_squares import NormalEquations, lowest
 from servobench.identification.estimators.prediction_error import maximum_likelihood
 
 SOURCE: Final = "friction not known"
-_FRICTION: Final = "coulomb_voltage"
 _NEAR: Final = 0.125  # of the way to the far end
 _KNOWN: Final = 0.5  # of its value: a gain known to no better isn't stated by itself
 _CLEARLY: Final = 2.0  # times their intervals: what is straight stays within them
@@ -36,13 +36,13 @@ def with_friction_range(fit: Fit) -> Fit:
     """Return the fit with a line of its budget where the far end of the friction's interval moves the others out of theirs."""
     if not _is_open(fit):
         return fit
-    at, sd = fit.model.names.index(_FRICTION), np.sqrt(np.diag(fit.covariance))
-    interval = fit.intervals[_FRICTION]
-    reach = interval[1] - fit.model[_FRICTION]
-    here, there = (_others_at(fit, at, fit.model[_FRICTION] + each) for each in (0.0, reach))
+    at, sd = fit.model.names.index(FRICTION), np.sqrt(np.diag(fit.covariance))
+    interval = fit.intervals[FRICTION]
+    reach = interval[1] - fit.model[FRICTION]
+    here, there = (_others_at(fit, at, fit.model[FRICTION] + each) for each in (0.0, reach))
     if not np.any(np.delete(np.abs(there - here) > _CLEARLY * TWO_SIDED * sd, at)):
         return fit
-    way = (_others_at(fit, at, fit.model[_FRICTION] + _NEAR * reach) - here) / _NEAR
+    way = (_others_at(fit, at, fit.model[FRICTION] + _NEAR * reach) - here) / _NEAR
     line = Contribution(
         source=SOURCE,
         covariance=np.outer(way, way) / TWO_SIDED**2,
@@ -53,7 +53,7 @@ def with_friction_range(fit: Fit) -> Fit:
     holding = {
         name: _interval_with(wider[name].interval, float(far[n])) for n, name in enumerate(fit.model.names)
     }
-    return replace(wider, intervals={**holding, _FRICTION: interval})
+    return replace(wider, intervals={**holding, FRICTION: interval})
 
 
 def _is_open(fit: Fit) -> bool:
@@ -62,12 +62,12 @@ def _is_open(fit: Fit) -> bool:
     if (
         not isinstance(fit.model.structure, NormalEquations)
         or "gain" not in names
-        or _FRICTION not in fit.intervals
+        or FRICTION not in fit.intervals
     ):
         return False
     if not TWO_SIDED * fit.sd("gain") < _KNOWN * abs(fit.model["gain"]):
         return False
-    return fit.intervals[_FRICTION][1] - fit.model[_FRICTION] > TWO_SIDED * fit.sd(_FRICTION)
+    return fit.intervals[FRICTION][1] - fit.model[FRICTION] > TWO_SIDED * fit.sd(FRICTION)
 
 
 def _others_at(fit: Fit, at: int, friction: float) -> Array:

@@ -21,11 +21,11 @@ def _sign_flip(case: Case) -> CauseFit | None:
     """The best time from which on the input acts the other way round."""
     best, least, turned = None, np.inf, case.motions[0].data
     for n, each in enumerate(case.motions):
-        power = _speed(each) * each.u
+        along = each.sense * each.u
         for at in each.t[0] + np.arange(2, _PLACES - 1) / _PLACES * (each.t[-1] - each.t[0]):
             if min(sweep_count(each.u[each.t < at]), sweep_count(each.u[each.t >= at])) < _SWEPT:
                 continue
-            if float(power[each.t < at].sum()) * float(power[each.t >= at].sum()) >= 0:
+            if float(along[each.t < at].sum()) * float(along[each.t >= at].sum()) >= 0:
                 continue  # a motor follows its input in the mean: on both sides of a true flip, in different directions
             tried = case.with_input(lambda m, n=n, at=at: _turn(m, at) if m is case.motions[n] else m.u)  # type: ignore[misc]
             if tried.misfit < least:
@@ -43,12 +43,6 @@ def _sign_flip(case: Case) -> CauseFit | None:
         chosen=1,
         remedy=lambda data: _turn_back(data, best) if data is turned else data,
     )
-
-
-def _speed(motion: Motion) -> Array:
-    """The speed (N,) on a record's even grid, in the unit of its output a second, or of its output if that is a speed."""
-    y = motion.y + motion.data.y[0]
-    return np.asarray(y if motion.data.kind == "speed" else np.gradient(y, motion.t))
 
 
 def _turn_back(data: Dataset, at: float) -> Dataset:
