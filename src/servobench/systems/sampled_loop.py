@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.crossing import crossing
 from servobench.core.errors import UsageError
+from servobench.core.matrix_exponential import matrix_exponential
 from servobench.systems.margins import Margins, Phase, apart, gain_crossovers, slopes, wrap_phase
 from servobench.systems.responses import positive_roots
 from servobench.systems.transfer_function import TransferFunction
@@ -32,7 +33,6 @@ from servobench.systems.transfer_function import TransferFunction
 _TURN = 2 * math.pi
 _QUARTER = 0.5 * math.pi
 _EDGE = 1e-12  # relative; how far from an edge a stretch begins, so that a jump there is no part of it
-_TERMS = 15  # of the exponential's series: the remainder is below (1/2)^15/15! = 2e-17
 _LEVEL = 1e-9  # of a turn; nearer than that a phase is at a level, as far as rounding tells
 
 _MOST_STATES = 1000  # of a closed loop: the time for its poles grows with their cube
@@ -285,22 +285,8 @@ def _steps(a: Array, length: float) -> tuple[Array, Array]:
     block = np.zeros((order + 1, order + 1))
     block[0, :order], block[0, order] = -a[1:], 1.0
     block[1:order, : order - 1] = np.eye(order - 1)
-    whole = _exponential(block * length)
+    whole = matrix_exponential(block * length)
     return whole[:order, :order], whole[:order, order]
-
-
-def _exponential(matrix: Array) -> Array:
-    """e^M (n, n) by its series, scaled and squared: on a few rows SciPy's takes several times as long, and wakes all cores."""
-    halvings = max(
-        math.frexp(float(np.abs(matrix).sum(axis=0).max()))[1] + 1, 0
-    )  # the norm is then below 1/2
-    term = total = np.eye(len(matrix))
-    for k in range(1, _TERMS):
-        term = term @ matrix / (k * 2.0**halvings)
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return np.asarray(total, dtype=np.float64)
 
 
 def _tangents(d: Array, h: float) -> Array:

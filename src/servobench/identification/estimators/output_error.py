@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info, warning
 from servobench.core.parameter_names import parameter_in_words
+from servobench.core.probability import log_normal_below
 from servobench.core.rounding import milliseconds
 from servobench.identification.estimators import delay_prior
 from servobench.identification.estimators.base import (
@@ -256,10 +257,8 @@ def _of_held(
 
 def mean_square_beyond(mean: float, sd: float) -> float:
     """Return E[x²] of a normal x that is known to be at least zero."""
-    from scipy.special import log_ndtr
-
     a = -mean / sd
-    hazard = float(np.exp(-0.5 * a**2 - 0.5 * np.log(2 * np.pi) - log_ndtr(-a)))
+    hazard = float(np.exp(-0.5 * a**2 - 0.5 * np.log(2 * np.pi) - log_normal_below(-a)))
     return max(sd**2 + mean * (mean + sd * hazard), 0.0)
 
 

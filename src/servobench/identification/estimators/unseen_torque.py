@@ -23,6 +23,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.crossing import crossing
+from servobench.core.probability import normal_below
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.disturbance import Disturbance, Trial
@@ -78,15 +79,15 @@ def tail_factor(weights: Array, means: Array, variances: Array, variance: float)
 
     `variance` is the mean square of the whole mixture about zero; the factor is at least 1.
     """
-    from scipy.special import ndtr
-
     if not variance > 0:
         return 1.0
     # In standard deviations of the whole; a parameter that one level holds at its place is a point there.
-    middle, sd = means / np.sqrt(variance), np.sqrt(np.maximum(variances / variance, _POINT))
+    middles, sds = means / np.sqrt(variance), np.sqrt(np.maximum(variances / variance, _POINT))
+    levels = list(zip(weights.tolist(), middles.tolist(), sds.tolist(), strict=True))
 
     def beyond(far: float) -> float:
-        return float(weights @ (ndtr((middle - far) / sd) + ndtr((-middle - far) / sd))) - _SELDOM
+        outside = (w * (normal_below((x - far) / sd) + normal_below((-x - far) / sd)) for w, x, sd in levels)
+        return sum(outside) - _SELDOM
 
     # Chebyshev's inequality says how far it can be at most.
     return max(crossing(beyond, 0.0, 1.0 / np.sqrt(_SELDOM)) / _NORMAL, 1.0)

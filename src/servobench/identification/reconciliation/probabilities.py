@@ -19,6 +19,7 @@ from itertools import combinations
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.probability import chi_square_above
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.reconciliation.base import CAUSES, Cause, Excluded, Question, Sizes
 
@@ -168,8 +169,6 @@ def _evidence(question: Question, shifts: _Shifts) -> float:
 
 def chance_is_enough(question: Question) -> bool:
     """Return whether each figure lies within its own 95 % interval, or all of them within their common 95 % region."""
-    from scipy.special import chdtri
-
     if (np.abs(question.difference) <= TWO_SIDED * question.sd).all():
         return True
-    return question.distance(question.difference) <= float(chdtri(len(question.names), 0.05))
+    return chi_square_above(question.distance(question.difference), len(question.names)) >= 0.05

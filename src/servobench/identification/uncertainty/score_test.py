@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
+from servobench.core.probability import chi_square_above, normal_quantile
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.covariance import andrews_lag, long_run
@@ -262,12 +263,10 @@ def _unresolvable_ripple(fit: Fit) -> float:
 
 def _normal_equivalent(total: Array, spread: Array) -> float:
     """The normal number that is as improbable as χ² = x' S⁻¹ x, x (K,) with covariance S (K, K)."""
-    from scipy.special import chdtrc, ndtri
-
     from servobench.identification.estimators import symmetric
 
     chi2 = symmetric.chi_square(total, spread)
-    return float(-ndtri(0.5 * max(float(chdtrc(len(total), max(chi2, 0.0))), 1e-300)))
+    return -normal_quantile(0.5 * max(chi_square_above(chi2, len(total)), 1e-300))
 
 
 def _lengths(columns: Array) -> Array:

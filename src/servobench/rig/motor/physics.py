@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.matrix_exponential import matrix_exponential
 from servobench.rig.motor.parameters import MotorParameters
 
 
@@ -103,8 +104,6 @@ def disturbance_factor(physics: Physics, torque_noise: float, h: float) -> Array
     F F' = ∫₀ʰ e^(As) G s_T² G' e^(A's) ds, with G = (0, 1/J, 0), by Van Loan's matrix exponential (1978). `torque_noise` is s_T
     [N·m/√Hz], two-sided; h [s].
     """
-    from scipy.linalg import expm
-
     a = np.zeros((3, 3))
     if physics.inductance > 0:
         a[:2, :2] = physics.matrix
@@ -117,7 +116,7 @@ def disturbance_factor(physics: Physics, torque_noise: float, h: float) -> Array
     doublings = max(0, math.ceil(math.log2(max(h * float(np.abs(np.linalg.eigvals(a)).max()), 1e-300))) + 1)
     short = h / 2**doublings
     block = np.block([[-a, density], [np.zeros((3, 3)), a.T]]) * short
-    exponential = expm(block)
+    exponential = matrix_exponential(block)
     transition = exponential[3:, 3:].T
     covariance = transition @ exponential[:3, 3:]
     for _ in range(doublings):

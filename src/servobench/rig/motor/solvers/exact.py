@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.matrix_exponential import matrix_exponential
 from servobench.rig.motor.physics import MotorState, Physics
 from servobench.rig.motor.solvers.base import SOLVERS
 
@@ -52,8 +53,6 @@ def coefficients(physics: Physics, h: float) -> Array:
 
     From E = e^(h A₅), A₅ the matrix of (i, ω, θ) with the held voltage and friction torque as two more states.
     """
-    from scipy.linalg import expm
-
     from servobench.rig.motor import kernels as n
 
     c = np.zeros(n.SIZE)
@@ -81,7 +80,7 @@ def coefficients(physics: Physics, h: float) -> Array:
     a[0] = [-r / l, -k / l, 0, 1 / l, 0]
     a[1] = [k / j, -b / j, 0, 0, -1 / j]
     a[2, 1] = 1
-    e5 = expm(h * a)
+    e5 = matrix_exponential(h * a)
     c[n.A00], c[n.A01], c[n.B0] = e5[0, 0], e5[0, 1], e5[0, 3]
     c[n.A10], c[n.A11], c[n.B1] = e5[1, 0], e5[1, 1], e5[1, 3]
     c[n.T0], c[n.T1], c[n.TB] = e5[2, 0], e5[2, 1], e5[2, 3]
