@@ -16,6 +16,7 @@ distribution that reaches as far as the mixture once in a hundred, where that is
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -87,7 +88,7 @@ def tail_factor(weights: Array, means: Array, variances: Array, variance: float)
 
     def beyond(far: float) -> float:
         outside = (w * (normal_below((x - far) / sd) + normal_below((-x - far) / sd)) for w, x, sd in levels)
-        return sum(outside) - _SELDOM
+        return math.fsum(outside) - _SELDOM
 
     # Chebyshev's inequality says how far it can be at most.
     return max(crossing(beyond, 0.0, 1.0 / np.sqrt(_SELDOM)) / _NORMAL, 1.0)
