@@ -21,7 +21,8 @@ import servobench as sb
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.covariance import plain
 from servobench.identification.estimators.interval.bins import expected_information
-from servobench.identification.estimators.least_squares import Layout, minimise, normal_equations
+from servobench.identification.estimators.least_squares import Layout, minimise, square_jacobians
+from servobench.identification.estimators.least_squares import information as information_of
 from servobench.identification.estimators.prediction_error import disturbance_test
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.nominal import nominal_values
@@ -233,7 +234,8 @@ def bound() -> None:
     at = fit.model.names.index("coulomb_voltage")
     least = minimise(structure, [data], theta)
     value, s2 = float(least.theta[at]), least.cost / (len(data.y) - len(theta))
-    h, _ = normal_equations(Layout(structure, (data,)), least.predictions)
+    layout = Layout(structure, (data,))
+    h = information_of(layout, square_jacobians(layout, least.predictions))
     sd = float(np.sqrt(s2 * np.linalg.inv(h)[at, at]))
     held = np.linspace(0.0, value + 4 * sd, 30)
     free = np.arange(len(theta)) != at
@@ -320,7 +322,7 @@ def by_plain(data: Dataset) -> tuple[float, float]:
     """Output error's estimate with the standard deviation s² (J'J)⁻¹, right for white residuals alone."""
     minimum = minimise(STRUCTURE, [data], STRUCTURE.guesses([data])[0])
     layout = Layout(STRUCTURE, (data,))
-    h, _ = normal_equations(layout, minimum.predictions)
+    h = information_of(layout, square_jacobians(layout, minimum.predictions))
     covariance = plain(h, minimum.cost / (len(data.y) - len(minimum.theta)))
     return float(minimum.theta[1]), float(np.sqrt(covariance[1, 1]))
 

@@ -97,7 +97,7 @@ def test_a_check_that_fails_is_status_4_and_says_what_to_do(servobench: Command,
 
     assert ended.status == 4
     assert "failed" in ended.out
-    assert "Find what delays" in " ".join(ended.out.split())
+    assert "Find the cause" in " ".join(ended.out.split())
     assert "Failed." in ended.out
     assert (tmp_path / "new" / "report.html").is_file()
 

@@ -41,7 +41,7 @@ def test_a_result_says_what_is_known_once_the_encoder_is_known(
 
     told = servobench(*words, "--counts-per-rev", "2048")
     assert told.status == 0
-    assert "the motor is the one of" in told.out
+    assert "the motor is that of" in told.out
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_a_result_says_what_is_known_once_the_encoder_is_known(
         (("--travel-limit", "4 V"), "--travel-limit"),
         (("--from", "nowhere.json"), "there is no result nowhere.json"),
         (("--duration", "100000"), "a duration of 100000 s at a sample time of 0.002 s is 5e+07 samples"),
-        (("--counts-per-rev", "2048"), "--counts-per-rev: a data sheet says all of this"),
+        (("--counts-per-rev", "2048"), "--counts-per-rev can't be used with a data sheet"),
         (("--starts-at-rest",), "give a recording with --from FILE"),
         (("--from", "x.csv", "--counts-per-rev", "2048"), "there is no file x.csv"),
     ],

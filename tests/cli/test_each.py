@@ -85,7 +85,7 @@ def test_several_files_are_said_to_be_fitted_jointly(servobench: Command, fleet:
 @pytest.mark.parametrize(
     ("words", "because"),
     [
-        (("--out", "results"), "is for the results of --each"),
+        (("--out", "results"), "--out results needs --each"),
         (("--each", "--report", "report.html"), "--report and --each don't go together"),
         (("--each", "--validate-with", "other.csv"), "--validate-with and --each don't go together"),
     ],

@@ -34,7 +34,7 @@ def test_the_result_itself_is_never_the_target(
     ended = servobench("export", copy, "--as", "json", "--out", copy, "--overwrite")
 
     assert ended.status == 2
-    assert "would be lost" in ended.err
+    assert "would be overwritten" in ended.err
 
 
 def test_a_refused_result_exports_nothing(servobench: Command, tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_a_second_file_of_a_target_replaces_nothing_in_silence(
     refused = servobench(*words)
 
     assert refused.status == 2
-    assert "motor.mat: exists already" in refused.err
+    assert "motor.mat exists already" in refused.err
     assert there.read_text() == "somebody's recording"
     assert not (tmp_path / "motor.m").exists()
     assert servobench(*words, "--overwrite").status == 0

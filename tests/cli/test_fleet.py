@@ -131,7 +131,7 @@ def test_other_settings_are_refused_by_the_names_of_options(
     ended = servobench("fleet", stand, "--out", results, *PATTERN, *COLUMNS, "--starts-at-rest")
 
     assert ended.status == 2
-    assert f"--out {results}: holds results of other settings" in ended.err
+    assert f"--out {results} holds results of other settings" in ended.err
     assert "starts_at_rest was False and is now True" in ended.err
 
 
@@ -264,7 +264,7 @@ def test_a_scheduler_that_isn_t_there_is_reported(
     )
 
     assert ended.status == 2
-    assert "--scheduler tcp://127.0.0.1:9: nobody answers there" in ended.err
+    assert "--scheduler tcp://127.0.0.1:9: nothing answers there" in ended.err
 
 
 def test_results_that_are_none_are_reported(servobench: Command, tmp_path: Path) -> None:

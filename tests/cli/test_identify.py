@@ -288,7 +288,7 @@ def test_a_report_is_never_written_over_a_recording(tmp_path: Path) -> None:
     ]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "would be lost" in done.stderr
+    assert "would be overwritten" in done.stderr
     assert recording.read_bytes() == before
 
 

@@ -331,7 +331,7 @@ def test_who_interrupts_all_exercises_is_reported_what_is_kept_and_where(
         (("do", "encoder", "--answer", "2048"), "'2048' is no answer"),
         (
             ("do", "encoder", "--answer", "counts=2048", "--answer", "counts = 512"),
-            "--answer has two for 'counts', '2048' and '512'",
+            "--answer gives two values for 'counts', '2048' and '512'",
         ),
         (("do", "encoder", "--answer", "cuonts=2048"), "no blank called 'cuonts' (did you mean 'counts'?)"),
         (("do", "encoder", "--device", "nothing"), "no device called 'nothing'"),
@@ -341,8 +341,8 @@ def test_who_interrupts_all_exercises_is_reported_what_is_kept_and_where(
         (("page", "--device", "replay"), "--device replay: its setting 'file' is missing"),
         (("do", "encoder", "--recorded", "nowhere.mcap"), "nowhere.mcap"),
         (("do", "encoder", "--page", "nowhere/page.html"), "--page nowhere"),
-        (("list", "--folder", "nowhere"), "--folder nowhere: is no folder"),
-        (("page", "--folder", "nowhere"), "--folder nowhere: is no folder"),
+        (("list", "--folder", "nowhere"), "--folder nowhere isn't a folder"),
+        (("page", "--folder", "nowhere"), "--folder nowhere isn't a folder"),
         (("do", "nowhere.md"), "nowhere.md: can't be read"),
     ],
 )
@@ -386,7 +386,7 @@ def test_a_form_from_when_lab_was_one_command_is_answered_by_the_new_one(
 
     assert ended.status == 2
     assert ended.err.startswith("Error: `servobench lab` is followed by list, do, page, assess, mark;")
-    assert ended.err.endswith(f"is now `servobench lab {new}`\n")
+    assert ended.err.endswith(f"is now written `servobench lab {new}`\n")
     assert len(ended.err.splitlines()) == 1
 
 

@@ -103,7 +103,7 @@ def test_a_class_gets_its_folders_and_its_marks(servobench: Command, given: Path
         ("'=blaise", "0", "2"),
     ]
     assert rows[0]["tau"] == "right"
-    assert rows[0]["turns: what is said"] == "It is too small: it is half of it."
+    assert rows[0]["turns: feedback"] == "It is too small: it is half of it."
     assert rows[1]["tau"] == "missing"
 
 
@@ -179,11 +179,11 @@ def test_marks_take_the_secret_that_the_motors_were_made_with(servobench: Comman
     nowhere = servobench(*to_class("mark", given), "--forms", given / "no", "--marks", given / "m.csv")
 
     assert (missing.status, other.status, among.status, nowhere.status) == (2, 2, 2, 2)
-    assert "is no folder; expected the one with the forms" in nowhere.err
+    assert "isn't a folder; expected the one with the forms" in nowhere.err
     assert "there is no secret" in missing.err
     assert not (given / "gone").exists()
     assert "none of the 2 forms has a code of this class" in other.err
-    assert "lies among the forms" in among.err
+    assert "is among the forms" in among.err
     assert not (given / "m.csv").exists()
 
 

@@ -141,7 +141,7 @@ def test_a_mistake_in_a_mapping_names_the_file_the_key_and_what_was_expected(
     [
         (("--output", "wheel:furlong"), "'furlong' isn't a known unit"),
         (("--output", "wheel:rads/s"), "did you mean rad/s"),
-        (("--output", "t"), "`t` holds the times; the output is what was measured of the motor"),
+        (("--output", "t"), "`t` holds the times; the output is what was measured on the motor"),
         (("--output", "t:rad"), "`t` holds the times"),
     ],
 )

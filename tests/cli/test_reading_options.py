@@ -130,7 +130,7 @@ def test_a_result_has_no_columns(
     ended = servobench(*words(command, file, "--input", "u:V", "--starts-at-rest"))
 
     assert ended.status == 2
-    assert "which has no columns to be read: leave --input and --starts-at-rest out" in ended.err
+    assert "which has no columns to read: leave --input and --starts-at-rest out" in ended.err
 
 
 def test_the_time_between_ticks_is_the_controllers_and_that_between_samples_the_datas(

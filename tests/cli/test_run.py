@@ -390,7 +390,7 @@ def test_whatever_a_named_device_can_t_do_without_is_named(
 
     assert ended.status == 2
     assert ended.err.count("is missing: ") == len(required)
-    assert "settings are given behind the name, as key=value, or in" in ended.err
+    assert "give the settings after the name, as key=value, or in" in ended.err
     for key in required:
         assert f"--device {name}: its setting '{key}' is missing: " in ended.err
 
@@ -632,6 +632,6 @@ def test_ctrl_c_while_the_report_is_written_says_where_the_result_is(
 
     assert ended.status == 130
     assert ended.err.endswith(
-        f"Error: interrupted before {folder / 'report.html'} was written; the result is whole, and printed\n"
+        f"Error: interrupted before {folder / 'report.html'} was written; the result is complete, and printed\n"
     )
     assert json.loads((folder / "result.json").read_text(encoding="utf-8"))["verdict"] in ended.out

@@ -20,12 +20,12 @@ from tests.cli.conftest import Command
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("nowhere.csv",), "no source of rows"),
+        (("nowhere.csv",), "isn't a source of rows"),
         (("udp:0", "--stop-after", "soon"), "--stop-after soon"),
         (("udp:0", "--stop-after", "0s"), "expected a time above 0"),
         (("udp:0", "--until", "gain"), "isn't a target"),
         (("udp:0", "--recording", "a"), "a stream is one recording"),
-        (("udp:0", "--stop-after", "0.2s", "--out", "out"), "no rows came"),
+        (("udp:0", "--stop-after", "0.2s", "--out", "out"), "no usable rows came"),
         (("-",), "standard input"),
     ],
 )

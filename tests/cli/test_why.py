@@ -146,7 +146,7 @@ def test_a_report_is_written_where_one_can_be(
     for nowhere, said in (
         (tmp_path, "is a folder"),
         (tmp_path / "no" / "x.html", "no folder"),
-        (file, "lost"),
+        (file, "overwritten"),
     ):
         refused = servobench("why", file, "--claimed", "tau=0.13", "--report", nowhere)
         assert (refused.status, said in refused.err) == (2, True)

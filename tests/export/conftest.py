@@ -71,7 +71,10 @@ def known_together() -> dict[str, Any]:
             "parameters": ["time_constant", "delay"],
         }
     }
-    local = "The input stayed at 3 V: the gain and the offset hold at this operating point; elsewhere the motor isn't known."
+    local = (
+        "The input stayed at 3 V: the gain and the offset hold at this operating point only; "
+        "record other levels for a wider range."
+    )
     made["findings"] = [{"code": "gain-local", "severity": "info", "sentence": local}]
     return made
 

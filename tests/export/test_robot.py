@@ -261,7 +261,7 @@ def test_a_gain_that_is_not_known_gives_no_code(answer: ResultSummary, tmp_path:
     document = json.loads(json.dumps(answer.document))
     document["parameters"]["gain"]["state"] = "unknown"
 
-    with pytest.raises(NotIdentifiable, match="don't tell the gain"):
+    with pytest.raises(NotIdentifiable, match="don't determine the gain"):
         written(replace(answer, document=document), "java", tmp_path)
 
 

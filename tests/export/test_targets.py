@@ -104,8 +104,8 @@ def test_every_file_says_what_the_data_do_not_determine(target: str) -> None:
 
     assert "The time constant isn't known by itself; time constant + delay is" in text
     assert "The Coulomb voltage isn't known, only that it is at most 0.41 V." in text
-    assert re.search("The values of .* and .* are one choice of many that fit the data as well", text)
-    assert "elsewhere the motor isn't known" in text
+    assert re.search("The values of .* and .* are one choice of many that fit the data equally well", text)
+    assert "record other levels for a wider range" in text
 
 
 def test_csv_has_states_and_known_combinations() -> None:

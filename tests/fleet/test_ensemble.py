@@ -94,8 +94,8 @@ def test_coverage_counts_the_intervals_that_hold_the_truth(motors: Ensemble) -> 
     assert told.sd == pytest.approx(math.sqrt(0.95 * 0.05 / 4))
     assert coverages(motors, []) == ()
     (single,) = coverages(motors, made[:1])
-    assert "1 of 1 interval holds the truth" in coverage_text(single)
-    assert "3 of 4 intervals hold the truth" in coverage_text(told)
+    assert "1 of 1 interval contains the true value" in coverage_text(single)
+    assert "3 of 4 intervals contain the true value" in coverage_text(told)
 
 
 def test_the_sentences_say_what_a_tolerance_does() -> None:

@@ -28,9 +28,9 @@ def test_a_name_gives_its_columns(pattern: str, path: str, columns: dict[str, st
     ("pattern", "because"),
     [
         ("motor.csv", "has no field"),
-        ("{serial", "has no partner"),
+        ("{serial", "a brace isn't closed"),
         ("{Serial No}.csv", "can't be a column"),
-        ("{n}_{n}.csv", "stands in it twice"),
+        ("{n}_{n}.csv", "occurs in it twice"),
         ("{file}.csv", "has a column file already"),
         ("{gain_low}.csv", "has a column gain_low already"),
     ],

@@ -263,7 +263,7 @@ def test_a_part_of_a_recording_is_no_other_one() -> None:
     assert found.startswith("reference motor, part and moved hold mainly the same samples: ")
     for copy in (part, moved):
         with pytest.raises(
-            UsageError, match=f"{copy.name} is to validate the model, but the model is fitted to the same"
+            UsageError, match=f"{copy.name} can't validate the model, which is fitted to the same"
         ):
             identify(data, validate_on=[copy])
     # The same input again, and a motor that starts within the same count, is another run.
@@ -333,7 +333,7 @@ def test_volts_in_whole_numbers_beyond_any_usual_supply_are_doubted(largest: int
 
     [*asked] = [f.sentence for f in result.findings if f.code == "size-absurd"]
     assert bool(asked) is is_doubted
-    assert not asked or "reaches 200 V in whole numbers, as raw counts" in asked[0]
+    assert not asked or "reaches 200 V in whole numbers only, like raw counts" in asked[0]
 
 
 def test_the_sign_of_a_gain_that_nobody_knows_is_not_reported() -> None:
@@ -379,7 +379,7 @@ def test_what_an_untold_filter_may_feign_is_no_doubt_of_its_own() -> None:
 
     assert feigned
     assert {finding.severity for finding in feigned} == {Severity.INFO}
-    assert all("All of that may come from a filter" in finding.sentence for finding in feigned)
+    assert all("A filter may cause all of this" in finding.sentence for finding in feigned)
     assert "chain-unknown" in codes(untold)
 
 

@@ -233,7 +233,7 @@ def test_data_behind_a_chain_are_not_predicted_with_a_noise_model_of_the_bare_sh
 ) -> None:
     fit = PredictionError().fit(STRUCTURES["first_order_one_way"], [disturbed[0]])
 
-    with pytest.raises(UsageError, match="behind a measurement chain"):
+    with pytest.raises(UsageError, match="measured through a chain"):
         predict(fit, dataset(seed=1, samples=500, chain="derivative | lowpass 50 rad/s"))
 
 

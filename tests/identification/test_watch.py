@@ -227,7 +227,7 @@ def test_a_wrong_count_is_no_wrap_and_hides_none(tmp_path: Path) -> None:
 
     assert jumps > 0
     assert [f.sentence for f in told if f.code == "stream-counter-wraps"] == [
-        f"The counter wrapped {jumps} times at 16 bits; that is taken out."
+        f"The counter wrapped {jumps} times at 16 bits; the wraps are removed."
     ]
 
 
@@ -279,7 +279,7 @@ def test_what_the_columns_are_is_asked_for_and_nothing_is_recorded(tmp_path: Pat
 
 
 def test_no_rows_are_no_recording(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no rows came"):
+    with pytest.raises(UsageError, match="no usable rows came"):
         Watch(ENCODER, "test", tmp_path / "a.mcap").end(stop_text("interrupted"))
 
 
@@ -287,7 +287,7 @@ def test_lines_that_are_no_rows_are_shown_where_no_row_came(tmp_path: Path) -> N
     watch = Watch(ENCODER, "test", tmp_path / "a.mcap")
     watch.take(LineTable().take(b"booting\nmotor = off\n"))
 
-    with pytest.raises(UsageError, match="the last line was 'motor = off', and rows like"):
+    with pytest.raises(UsageError, match="the last line was 'motor = off', but rows like"):
         watch.end(stop_text("end"))
 
 
@@ -300,7 +300,7 @@ def test_what_was_left_out_is_said_by_its_reason(tmp_path: Path) -> None:
     said = {each.code: each.sentence for each in evidence.recording.findings}
 
     assert said["stream-damaged"].endswith(
-        "rows of the stream with times that don't fit the rows around, as of a clock that runs backwards or jumps."
+        "rows of the stream with times that don't fit their neighbours', as from a clock that runs backwards or jumps."
     )
     assert said["stream-rows-left-out"] == "Left out: 499 rows that came too late."
 

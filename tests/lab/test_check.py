@@ -80,7 +80,7 @@ def test_what_is_within_the_tolerance_is_right_in_any_unit_of_its_kind(text: str
         ("321", "It is about 3000 times too large"),
         ("-3.3", "The sign is wrong. It is about 30 times too large"),
         ("3.3e30", "It is about 3×10³¹ times too large"),
-        ("1e308", "too large by more than any number tells"),
+        ("1e308", "too large by more than any number can say"),
         ("0", "It isn't zero."),
         ("", "no answer yet"),
         ("5 V", "is a voltage"),
@@ -186,7 +186,7 @@ def test_of_an_exact_answer_nothing_is_forgiven() -> None:
 
     assert check_blank(rule, "2048", {}).right
     assert not check_blank(rule, "2047", {}).right
-    assert check_blank(rule, "2047", {}).sentence == "It is close, but further off than it may be."
+    assert check_blank(rule, "2047", {}).sentence == "It is close, but outside the tolerance."
     assert right_answer(rule, {}) == "2048\u00a0counts"
 
 

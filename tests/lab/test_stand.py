@@ -193,7 +193,7 @@ def test_where_the_recording_tells_nothing_a_misspelt_fact_is_still_reported_as_
     facts = stand_on_the_twin(read(text)).facts
 
     for name in ("gain", "chain_lag", "read_gain", "stribeck_voltage", "drag_asymmetry"):
-        with pytest.raises(NotIdentifiable, match=f"the recording tells no {name}: "):
+        with pytest.raises(NotIdentifiable, match=f"the recording doesn't determine {name}: "):
             value(name, facts)
     for name in ("gian", "read_gian", "chain_lags"):
         with pytest.raises(UnknownName, match=f"no fact called '{name}'"):

@@ -78,7 +78,7 @@ def test_what_the_recording_does_not_tell_stands_below_the_table() -> None:
     text = shown(half('start = "1 s"', 'start = "9 s"'))
 
     assert "  half   not known  Time until half of the steady speed" in text
-    assert "! half isn't known: the recording tells no time_constant" in text
+    assert "! half can't be determined: the recording doesn't determine" in text
     assert ".." not in text
     assert ".:" not in text
     assert max(map(len, text.splitlines())) <= 80
@@ -95,5 +95,5 @@ def test_what_is_known_by_less_than_its_own_size_is_no_answer_and_no_figure() ->
         in corrected.ours
     )
     # Nor is there an answer: anything would lie within that interval.
-    assert "! half isn't known: the recording doesn't determine time_constant" in shown(worked)
+    assert "! half can't be determined: the recording doesn't determine" in shown(worked)
     assert "s, as large as itself" in corrected.ours

@@ -101,7 +101,7 @@ def test_a_recording_whose_columns_are_unknown_is_asked_about_first(panel: Panel
     panel.tab("Recordings")
     compare(panel, "square-1-3", "chirp-slow")
     panel.tab("Exercises")
-    panel.button("Say what the columns of chirp-slow are").click()
+    panel.button("Choose the columns of chirp-slow").click()
     panel.page.get_by_role("form", name="Columns of chirp-slow").wait_for()
     panel.until(lambda: panel.page.evaluate("document.activeElement.closest('form.columns') !== null"))
 

@@ -135,7 +135,7 @@ def test_a_position_that_is_far_away_is_asked_about_before_the_motor_turns_back(
     assert panel.bench.controller == {"type": "open_loop"}
 
     panel.button("Apply controller").click()
-    panel.button("Apply all the same").click()
+    panel.button("Apply anyway").click()
     panel.until(lambda: panel.bench.controller["type"] == "pid")
 
 

@@ -155,16 +155,16 @@ WRONG: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "no output": ({"t": T, "u": U}, UsageError, "give the input as u= and the output as y="),
     "no unit": ({"t": T, "u": U, "y": Y, "output_unit": "rad"}, UsageError, "input_unit is missing"),
     "lengths": ({**AS_ARRAYS, "y": Y[:-1]}, UsageError, "u has 1000 values, y 999, t 1000"),
-    "texts": ({**AS_ARRAYS, "u": ["a"] * len(T)}, UsageError, "u is a list that isn't numbers"),
+    "texts": ({**AS_ARRAYS, "u": ["a"] * len(T)}, UsageError, "u is a list that doesn't hold numbers"),
     "a text": (
         {**AS_ARRAYS, "u": [*U[:5], "abc", *U[6:]]},
         UsageError,
-        r"u is a list that isn't numbers: u\[5\] is 'abc'; expected",
+        r"u is a list that doesn't hold numbers: u\[5\] is 'abc'; expected",
     ),
     "beyond all floats": (
         {**AS_ARRAYS, "y": [10**400] * len(T)},
         UsageError,
-        "y is a list that isn't numbers",
+        "y is a list that doesn't hold numbers",
     ),
     "a matrix": ({**AS_ARRAYS, "y": np.zeros((len(T), 2))}, UsageError, r"y has shape \(1000, 2\)"),
     "a column that isn't there": (
@@ -190,7 +190,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
         "mapping is 3; expected the path",
     ),
     "a missing unit": ({"data": {"t": T, "u": U, "x": Y}}, MissingInformation, "output"),
-    "columns of arrays": ({**AS_ARRAYS, "input": "u"}, UsageError, "input names a column"),
+    "columns of arrays": ({**AS_ARRAYS, "input": "u"}, UsageError, "input refers to a column"),
     "two dimensions": ({"data": {"t": T, "u": np.zeros((len(T), 2))}}, UsageError, "'u' has shape"),
     "rows of several lengths": ({"data": {"t": T, "u": U[:5]}}, UsageError, "5 to 1000 rows"),
     "a recording that isn't there": (

@@ -142,7 +142,7 @@ def test_a_serial_port_that_goes_on_sending_ends_after_the_time_asked_for(
     os.close(board)
 
     assert ended.returncode == 0, ended.stderr
-    assert "stopped when the time was over" in ended.stdout
+    assert "stopped at the time limit" in ended.stdout
     assert "gain ±" in ended.stdout
     assert (tmp_path / "out" / "report.html").exists()
 

@@ -157,7 +157,7 @@ def _name_dashed_file(words: Sequence[str]) -> None:
         if word.startswith("-") and os.path.isfile(word):
             say(
                 messages(),
-                f"{word} was taken for options, as it begins with a dash; for the file, write ./{word}",
+                f"{word} was read as options, as it begins with a dash; for the file, write ./{word}",
             )
 
 

@@ -42,29 +42,34 @@ def commission(
     voltage_limit: VoltageLimit = None,
     turns: Annotated[
         float | None,
-        typer.Option(metavar="N", help="Turn the shaft by hand this often when told to; once in a terminal."),
+        typer.Option(
+            metavar="N",
+            help="Turn the shaft by hand this many times when asked; by default once in a terminal.",
+        ),
     ] = None,
     until_wrap: Annotated[
         bool,
-        typer.Option("--until-wrap", help="Turn the motor until its counter wraps; minutes for 24 bits."),
+        typer.Option(
+            "--until-wrap", help="Turn the motor until its counter wraps; it takes minutes for 24 bits."
+        ),
     ] = False,
     signed_by: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Who signs the acceptance off.")
+        str | None, typer.Option(metavar="NAME", help="Who signs off the acceptance.")
     ] = None,
     signed_on: Annotated[
         str | None,
-        typer.Option(metavar="DATE", help="The day of the signature, such as 2026-11-23; today without it."),
+        typer.Option(metavar="DATE", help="The day of the signature, such as 2026-11-23; by default today."),
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing, in a terminal either.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing, even in a terminal.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Find out whether a new bench is what it claims to be, before anything is measured on it.
 
-    DEVICE is a name with settings, as of `run --device`: "rig:/dev/ttyUSB0 supply=9V". Each check is verified, failed,
+    DEVICE is a name with settings, as for `run --device`: "rig:/dev/ttyUSB0 supply=9V". Each check is verified, failed,
     unsupported or unknown, and says what to do.
 
     Nothing spins until stopping is proved: 0 V, short pulses, the device's watchdog, then the rest, up to half of the range.
-    Ctrl-C stops the motor and reports what was found until then. Exit status 4 if a check failed.
+    Ctrl-C stops the motor and reports what was found so far. Exit status 4 if a check failed.
     """
     from servobench.cli.device_choice import device_choice
     from servobench.cli.experiment_choice import make_device
@@ -139,7 +144,7 @@ class Hand:
             self._progress.note(f"turn the shaft {often} by hand, one way, within the next {ALONE:g} s")
             return ALONE, None
         self._progress.note(
-            f"make a mark on the shaft and one beside it; you will turn the shaft {often} by hand, one way, until the marks "
+            f"make one mark on the shaft and one beside it; you will turn the shaft {often} by hand, one way, until the marks "
             "meet. Press Enter to begin"
         )
         sys.stdin.readline()

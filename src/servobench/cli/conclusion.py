@@ -70,7 +70,7 @@ def deliver(
             Report(recordings, result, command=command).write(report)
     except KeyboardInterrupt:
         raise PartialStop(
-            f"interrupted before {report} was written; the result is whole, and printed"
+            f"interrupted before {report} was written; the result is complete, and printed"
         ) from None
     finally:
         show_dangers(console, result.findings)

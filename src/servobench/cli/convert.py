@@ -24,8 +24,8 @@ def convert(
 ) -> None:
     """Write the recordings in a file in another format.
 
-    The ending of OUT selects the format. Nothing is renamed, scaled or resampled. With options that say
-    what the columns are, or a mapping, roles, units and times come from these, and samples without a usable time are left out.
+    The ending of OUT selects the format. Nothing is renamed, scaled or resampled. Options or a mapping that
+    say what the columns are also set roles, units and times; samples without a usable time are then left out.
     """
     from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress

@@ -45,7 +45,9 @@ def design(
     speed_limit: Annotated[str | None, typer.Option(metavar="W", help="The largest speed [rad/s].")] = None,
     travel_limit: Annotated[
         str | None,
-        typer.Option(metavar="X", help="How far the shaft may go from its start, either way [rad]: 4rev."),
+        typer.Option(
+            metavar="X", help="How far the shaft may go from its start, either way [rad], such as 4rev."
+        ),
     ] = None,
     wish: Annotated[
         str,
@@ -111,7 +113,7 @@ def _motor(
         flags = [*reading.flags, *(["--starts-at-rest"] if starts_at_rest else [])]
         if flags:
             raise UsageError(
-                f"{' and '.join(flags)}: a data sheet says all of this; leave that out, or give a recording with --from FILE"
+                f"{' and '.join(flags)} can't be used with a data sheet; leave that out, or give a recording with --from FILE"
             )
         return from_data_sheet(nominal or "qube_servo_2")
     if is_result(known_from):

@@ -27,7 +27,7 @@ def device_choice(text: str, in_file: DeviceChoice, where: str, option: str = "-
     if missing := missing_settings(name, settings):
         lines = [f"{option}{text}: {each}" for each in missing]
         raise UsageError(
-            "\n".join([*lines, f"settings are given behind the name, as key=value, or {where.format(name)}"])
+            "\n".join([*lines, f"give the settings after the name, as key=value, or {where.format(name)}"])
         )
     return in_file.model_copy(update={"name": name, "settings": settings})
 
@@ -51,7 +51,7 @@ def _read(text: str, option: str) -> tuple[str, dict[str, Any]]:
         setting = getattr(DEVICES[name], "address", None)
         if setting is None or not address:
             raise UsageError(
-                f"{option}{words[0]!r}: {'nothing stands' if setting else f'the device {name} takes nothing'} behind the colon; "
+                f"{option}{words[0]!r}: {'nothing follows' if setting else f'the device {name} takes nothing after'} the colon; "
                 f"expected {option}{name}{':' + setting.upper() if setting else ''}"
             )
         settings[setting] = address

@@ -43,7 +43,7 @@ def ensemble(
     seed: Seed = None,
     threads: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, max=256, help="How many processors work; by default all."),
+        typer.Option(metavar="N", min=1, max=256, help="How many processors to use; by default all."),
     ] = None,
     out: Annotated[
         Path | None,

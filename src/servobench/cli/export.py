@@ -57,7 +57,7 @@ def export(
         str | None,
         typer.Option(
             metavar="D",
-            help="The diameter of what a turn of the encoder rolls on, such as 6in, for lengths [m].",
+            help="The diameter of the wheel that turns once with the encoder, such as 6in, for lengths [m].",
         ),
     ] = None,
     measurement_delay: Annotated[
@@ -97,8 +97,8 @@ def export(
     """Write an identified motor for another program.
 
     RESULT is a run's folder, or a file that `servobench identify FILE --json` printed; for c also one of `servobench tune
-    --json`, whose controller of position or speed it then is. A FILE with a recording is identified first, with the column
-    options of that command. The targets: control (a Python file for
+    --json`, whose controller is then exported. A FILE with a recording is identified first, with the column options of
+    `servobench identify`. The targets: control (a Python file for
     python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG or kCos and feedback gains as JSON), java, cpp,
     python (the same as robot code), mujoco (a joint and its actuator), c (a speed controller in C99, with its test), json,
     csv. A refused result exports nothing.
@@ -208,7 +208,9 @@ def _with_its_unit(diameter: str | None) -> str | None:
         float(diameter or "")
     except ValueError:
         return diameter
-    raise UsageError(f"--wheel-diameter {diameter}: say the unit, too, such as {diameter}in or {diameter}cm")
+    raise UsageError(
+        f"--wheel-diameter {diameter} has no unit; write one, such as {diameter}in or {diameter}cm"
+    )
 
 
 def _quantity(option: str, text: str | None, si: str) -> float | None:

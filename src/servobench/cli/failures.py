@@ -109,7 +109,7 @@ def _list_of(heading: str, sentences: tuple[str, ...]) -> str:
 
 
 def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or ["no more is said"])[0]
+    return (str(error).splitlines() or ["no details"])[0]
 
 
 def _traceback_place(error: BaseException) -> str:

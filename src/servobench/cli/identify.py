@@ -31,7 +31,7 @@ def identify(
         bool,
         typer.Option(
             "--each",
-            help="Fit each FILE by itself: under --out a folder for each, with --json a line for each.",
+            help="Fit each FILE separately, with a folder for each under --out and a line for each with --json.",
         ),
     ] = False,
     out: Annotated[
@@ -58,12 +58,12 @@ def identify(
 ) -> None:
     """Identify the motor from existing recordings.
 
-    All recordings in all FILEs are fitted jointly, or with --each those of each FILE by themselves. The result is a transfer
-    function with intervals, a verdict, and the findings behind it. Missing information is asked for, never guessed.
+    All recordings in all FILEs are fitted jointly, or with --each those of each FILE separately. The result is a transfer
+    function with intervals, a verdict, and the findings behind it. servobench asks for missing information and never guesses it.
 
     COL is a column's name, a variable's name in a .mat file, or a column's number, counted from 1; FILE#COL for a column of
-    another file, 'COL*SIGN' for one whose sign stands in another column. UNIT decides whether the output is a position
-    (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm, rev/s, counts/s, m/s); of a sensor in V it is the sensitivity,
+    another file, 'COL*SIGN' for one whose sign is in another column. UNIT decides whether the output is a position
+    (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm, rev/s, counts/s, m/s); for a sensor in V, give its sensitivity,
     such as 'tacho:7 V/krpm'.
     """
     from servobench.cli.conclusion import check_names, conclude, deliver, status_of
@@ -130,9 +130,7 @@ def _check_together(
     from servobench.core.errors import UsageError
 
     if out is not None and not each:
-        raise UsageError(
-            f"--out {out}: is for the results of --each; a single result is printed, with --json as JSON"
-        )
+        raise UsageError(f"--out {out} needs --each; a single result is printed, with --json as JSON")
     if each and report is not None:
         raise UsageError(
             "--report and --each don't go together: with --out each file has a report of its own"

@@ -38,8 +38,8 @@ def inspect(
 ) -> None:
     """Show what is in a file and what it can support.
 
-    Its recordings and channels, what is wrong with their times and values, and what is missing to identify them. Options that
-    say what the columns are, are tried on it.
+    It lists recordings and channels, what is wrong with their times and values, and what is missing to identify them. Options
+    that say what the columns are apply as in `servobench identify`.
     """
     from servobench.cli.inspection_document import inspection_document
     from servobench.cli.output_file import check_free
@@ -187,7 +187,7 @@ def _times(recording: Recording) -> list[str]:
     for t in different.values():
         base = time_base(t)
         if base.median_step is None or base.start is None or base.end is None:
-            lines.append(f"times: {base.samples}, none of them later than another")
+            lines.append(f"times: {base.samples}, all equal")
             continue
         steps = {f"{step:.3g}" for step in (base.shortest_step, base.p99_step, base.longest_step)}
         spread = f"at least {base.shortest_step:.3g} s, 99 of 100 up to {base.p99_step:.3g} s, at most {base.longest_step:.3g} s"

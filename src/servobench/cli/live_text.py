@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _INTERVAL = 5.0  # s between two lines
 _FRAME = 0.1  # s between two states of the block: nobody reads more, and a terminal far away gets less
 _LIGHTS = {
-    True: ("●", "bold green", "the innovations are white: the motor is as the model says"),
+    True: ("●", "bold green", "the innovations are white: the motor behaves as the model says"),
     False: ("●", "bold red", "the innovations aren't white: something is not in the model"),
     None: ("○", "dim", "too few innovations to tell"),
 }

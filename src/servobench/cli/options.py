@@ -23,7 +23,7 @@ InputValues = Annotated[
     typer.Option(
         "--input-value",
         metavar="VALUE:UNIT",
-        help="An input that no column holds, one value throughout, such as 50:%; once for all files, or once for each. "
+        help="A constant input that no column holds, such as 50:%; once for all files, or once for each. "
         "If the file's name has it: --input '{level}pwr:%'.",
     ),
 ]
@@ -136,7 +136,7 @@ Seed = Annotated[
         "--seed",
         metavar="N",
         min=0,
-        help="The seed of simulated noise, instead of the experiment's; of several runs each has the next.",
+        help="The seed of simulated noise, instead of the experiment's; each further run takes the next.",
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
@@ -167,7 +167,7 @@ LimitsFile = Annotated[
     typer.Option(
         "--limits",
         metavar="FILE.toml",
-        help="The limits of parameters and the decision rule: says pass, fail or undecided of each motor.",
+        help="The limits of parameters and the decision rule; each motor passes, fails or is undecided.",
     ),
 ]
 NamePatternText = Annotated[
@@ -185,10 +185,10 @@ Workers = Annotated[
         metavar="N",
         min=1,
         max=256,
-        help="How many processes work; by default one for each processor.",
+        help="How many processes to use; by default one for each processor.",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON, the answer, on standard output.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only the answer, as JSON, on standard output.")]
 MemberName = Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)]
 AllFindings = Annotated[
     bool, typer.Option("--all-findings", help="Print all findings, not only the five that matter most.")

@@ -16,14 +16,14 @@ def check_free(path: Path | None, option: str, inputs: Sequence[Path | None], ov
     if path is None:
         return
     if path.is_dir():
-        raise UsageError(f"{option} {path}: is a folder; name a file in it")
+        raise UsageError(f"{option} {path} is a folder; name a file in it")
     if path.exists() and not path.is_file():
-        raise UsageError(f"{option} {path}: isn't a regular file, and isn't replaced; give another name")
+        raise UsageError(f"{option} {path} isn't a regular file and won't be replaced; give another name")
     if not path.parent.is_dir():
         raise UsageError(f"{option} {path}: there is no folder {path.parent}")
     if any(path.resolve() == each.resolve() for each in inputs if each is not None):
         raise UsageError(
-            f"{option} {path}: is one of the files that are read, and would be lost; give another name"
+            f"{option} {path} is one of the files to read and would be overwritten; give another name"
         )
     if path.exists() and not overwrite:
-        raise UsageError(f"{option} {path}: exists already; give another name, or --overwrite to replace it")
+        raise UsageError(f"{option} {path} exists already; give another name, or --overwrite to replace it")

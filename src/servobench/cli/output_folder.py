@@ -45,7 +45,7 @@ def empty_folder(out: Path | None, prefix: str, now: datetime) -> Iterator[Path]
     and `StorageError` where it can't be made.
     """
     if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise UsageError(f"--out {out}: isn't an empty folder; give a new one")
+        raise UsageError(f"--out {out} isn't an empty folder; give a new one")
     if out is not None:
         make(out, exist_ok=True)
     folder = out or make_folder(prefix, now)

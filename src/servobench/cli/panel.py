@@ -105,7 +105,7 @@ def panel(
     _check_assessed(student, secret, exercise, device, experiment)
     tls = _tls(host, tls_cert, tls_key, without_tls)
     if exercises is not None and not exercises.is_dir():
-        raise UsageError(f"--exercises {exercises}: isn't a folder; expected one with exercises, NAME.md")
+        raise UsageError(f"--exercises {exercises} isn't a folder; expected one with exercises, NAME.md")
     try:
         from servobench.lab.exercise_file import FOLDER
         from servobench.panel.keys import Keys

@@ -104,6 +104,6 @@ def refuse_reading(path: Path, reading: Reading, starts_at_rest: bool, usable: S
     useless = [each for each in flags if each not in usable]
     if useless:
         raise UsageError(
-            f"{path} is a result, which has no columns to be read: leave {' and '.join(useless)} out, or give the file with "
+            f"{path} is a result, which has no columns to read: leave {' and '.join(useless)} out, or give the file with "
             "the recording"
         )

@@ -94,7 +94,7 @@ class RunFolder:
             self._check()  # again, as another run may just have ended
             if self.recording.exists() and not overwrite:
                 raise UsageError(
-                    f"--out {self.path}: holds an earlier run; give another folder, or --overwrite to replace it"
+                    f"--out {self.path} holds an earlier run; give another folder, or --overwrite to replace it"
                 )
             ours = True
             yield
@@ -139,17 +139,17 @@ class RunFolder:
         """Raise `UsageError` where a run may not write to this folder."""
         out = self.path
         if out.exists() and not out.is_dir():
-            raise UsageError(f"--out {out}: is a file; give a folder")
+            raise UsageError(f"--out {out} is a file; give a folder")
         if self.part.exists():
             if is_held(self.part):
                 raise UsageError(f"--out {out}: {busy_text(self.part)}")
             raise UsageError(
-                f"--out {out}: holds the unfinished recording of an earlier run; save it with `servobench recover "
+                f"--out {out} holds the unfinished recording of an earlier run; save it with `servobench recover "
                 f"{out}`, or remove {self.part.name}, or give another folder"
             )
         if out.is_dir() and not self._is_free():
             raise UsageError(
-                f"--out {out}: contains files and isn't the folder of an earlier run; give a new or empty folder"
+                f"--out {out} contains files and isn't the folder of an earlier run; give a new or empty folder"
             )
 
     def _is_free(self) -> bool:

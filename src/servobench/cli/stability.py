@@ -67,7 +67,7 @@ def stability(
     starts_at_rest: StartsAtRest = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say whether an identified motor is stable, and a position loop around it.
+    """Say whether an identified motor and a position loop around it are stable.
 
     RESULT is a run's folder or a result.json; a FILE with a recording is identified first, with the same column options as
     `servobench identify`. The output lists the poles and their meaning, a bounded input that makes the position unbounded,
@@ -128,7 +128,7 @@ def _check_ticks(answer: ResultSummary, sample_time: float | None) -> None:
     if sample_time is not None and delay > _MOST_DELAYED * sample_time:
         raise UsageError(
             f"--controller-sample-time {sample_time:g}: the motor's delay of {delay:.3g} s takes more than {_MOST_DELAYED} "
-            f"ticks of that; expected {1.1 * delay / _MOST_DELAYED:.2g} s at least, or --continuous for the loop without ticks"
+            f"such ticks; expected {1.1 * delay / _MOST_DELAYED:.2g} s at least, or --continuous for the loop without ticks"
         )
 
 

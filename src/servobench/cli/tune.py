@@ -138,7 +138,7 @@ def _tune(answer: ResultSummary, method: str, wish: Wish) -> TuningResult:
 
     if answer.units[0] == "m":
         raise UsageError(
-            "the axis of this result moves in m; tune knows the loops of a shaft that turns, in rad: give the angle "
+            "the axis of this result moves in m; tune only handles a shaft that turns, in rad: give the angle "
             "of the drum or the wheel as the output"
         )
     try:
@@ -193,7 +193,7 @@ def _poles(text: str | None) -> tuple[complex, ...]:
         return tuple(complex(each.strip().replace("i", "j")) for each in text.split(","))
     except ValueError:
         raise UsageError(
-            f"--poles {text}: expected numbers with commas between them [rad/s], such as -20,-30 or -20,-15+10j"
+            f"--poles {text}: expected numbers separated by commas [rad/s], such as -20,-30 or -20,-15+10j"
         ) from None
 
 

@@ -68,10 +68,10 @@ def watch(
     as_json: AsJson = False,
     all_findings: AllFindings = False,
 ) -> None:
-    """Identify a motor that others drive, while it runs; nothing is sent to it.
+    """Identify a running motor that something else drives; nothing is sent to it.
 
     SOURCE is - for standard input, a serial port such as /dev/ttyACM0 or COM3@57600, udp:PORT, a growing text file, or
-    networktables:HOST/TOPIC,TOPIC with the position last. Lines hold numbers, such as t,u,counts, below a header or not.
+    networktables:HOST/TOPIC,TOPIC with the position last. Lines hold numbers, such as t,u,counts, with or without a header.
 
     It shows the parameters as their intervals narrow, and says when enough is known or which motion is missing. Everything is
     recorded. Ctrl-C, the end of the stream, --until or --stop-after end it; then all of it is identified and reported.

@@ -141,7 +141,7 @@ def _show_readings(console: Console, explanation: Explanation) -> None:
     if not explanation.readings:
         return
     chain = explanation.readings[0].chain
-    headings = ("gain", "time constant", f"read off the same data behind {chain}")
+    headings = ("gain", "time constant", f"read off the same data after {chain}")
     rows = []
     for each in explanation.readings:
         mark = " (nearest)" if each is explanation.nearest else ""

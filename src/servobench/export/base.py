@@ -76,7 +76,7 @@ def export(
     file = Path(path)
     if file.suffix and file.suffix != made.suffix:
         raise UsageError(
-            f"{file}: {target} makes a file that ends in {made.suffix}; name it so, or without an ending"
+            f"{file}: {target} writes a file that ends in {made.suffix}; use that ending, or none"
         )
     content = made.render(answer, wishes, file.stem if file.suffix else file.name)
     if check is not None:

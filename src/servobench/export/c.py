@@ -151,7 +151,7 @@ class C:
         """
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", stem):
             raise UsageError(
-                f"{stem}.c: names in C are letters, digits and _; choose such a name, as motor.c"
+                f"{stem}.c: names in C are letters, digits and _; choose such a name, like motor.c"
             )
         if wishes.sample_time is None:
             raise UsageError(

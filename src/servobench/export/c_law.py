@@ -240,12 +240,12 @@ def export_law(tuned: TunedLaw, path: str | os.PathLike[str], wishes: Wishes) ->
     file = file if file.suffix else file.with_name(f"{file.name}.c")
     if file.suffix != ".c" or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", file.stem):
         raise UsageError(
-            f"{file}: names in C are letters, digits and _, and end in .c; choose such a name, as loop.c"
+            f"{file}: names in C are letters, digits and _, and end in .c; choose such a name, like loop.c"
         )
     if wishes != Wishes(counts_per_rev=wishes.counts_per_rev):
         raise UsageError(
-            "a tuned controller has its sample time, its voltage limit and its unit from `servobench tune`: say them there, and "
-            "only `counts_per_rev=...` here"
+            "a tuned controller takes its sample time, its voltage limit and its unit from `servobench tune`: set them there, "
+            "and only `counts_per_rev=...` here"
         )
     counts = wishes.counts_per_rev
     if counts is None or not 0.0 < counts < math.inf:

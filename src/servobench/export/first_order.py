@@ -98,7 +98,7 @@ def _factor(answer: ResultSummary, target_unit: str, wheel_diameter: float | Non
     except UnitError as error:
         hint = ""
         if is_unit(target_unit) and unit(target_unit).si == "m" and position == "rad":
-            hint = "; for a length give `wheel_diameter=...` as well, of what a turn of the encoder rolls on"
+            hint = "; for a length give `wheel_diameter=...` as well, of the wheel that turns once with the encoder"
         raise UsageError(
             f"`unit={target_unit}`: the result's position is in {position}: {error}{hint}"
         ) from None

@@ -66,8 +66,8 @@ def robot_constants(answer: ResultSummary, target: str, wishes: Wishes) -> Robot
     """
     if answer.document["parameters"]["gain"].get("state") == "unknown":
         raise NotIdentifiable(
-            f"{target}: these data don't tell the gain, and so no kV; identify tests at two voltages at least together, such as "
-            "all four of SysId"
+            f"{target}: these data don't determine the gain, so there is no kV; identify tests at two or more voltages together, "
+            "such as all four of SysId"
         )
     own = None if answer.user_unit is None or wishes.wheel_diameter else answer.user_unit[0]
     motor = first_order_motor(answer, target, wishes.unit or own, wishes.wheel_diameter)
@@ -186,7 +186,7 @@ def _range_note(answer: ResultSummary) -> list[str]:
     if not math.isfinite(low + high):
         return []
     return [
-        f"In the data the voltage was between {low:.3g} and {high:.3g} V; elsewhere the constants weren't tried."
+        f"In the data the voltage was between {low:.3g} and {high:.3g} V; elsewhere the constants weren't tested."
     ]
 
 
@@ -197,7 +197,7 @@ def _margin_note(gains: Tuning) -> list[str]:
     return [
         f"The feedback gains may be unsafe: over the intervals the speed loop's phase margin lies between "
         f"{math.degrees(gains.phase_margin[1]):.0f} and {math.degrees(gains.phase_margin[2]):.0f} deg, and below 0 it is "
-        "unstable. Ask for a slower closed loop (`closed_loop=...`), or record tests that tell the delay."
+        "unstable. Ask for a slower closed loop (`closed_loop=...`), or record tests that determine the delay."
     ]
 
 

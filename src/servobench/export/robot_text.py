@@ -82,7 +82,7 @@ def check_name(stem: str, language: str) -> None:
     """Raise `UsageError` where a file's name is no name in the language."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,60}", stem) or keyword.iskeyword(stem) or stem in _RESERVED:
         raise UsageError(
-            f"{stem}: names in {language} are letters, digits and _, and no word of the language; choose such a name, as "
+            f"{stem}: names in {language} are letters, digits and _, and not a word of the language; choose such a name, like "
             "DriveConstants"
         )
 

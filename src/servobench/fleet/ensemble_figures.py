@@ -88,9 +88,7 @@ def tornado(ensemble: Ensemble, outcome: str) -> Illustration | None:
 
 def _ends_in_words(bands: Bands) -> str:
     low, _, middle, _, high = (with_unit(float(x), bands.unit) for x in bands.values[:, -1])
-    return (
-        f"At the end the {bands.name} is {middle} in the middle; 90 % of the motors are from {low} to {high}."
-    )
+    return f"At the end the median of the {bands.name} is {middle}; 90 % of the motors lie between {low} and {high}."
 
 
 def _bands(bands: Bands, style: Style) -> Figure:

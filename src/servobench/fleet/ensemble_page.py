@@ -152,7 +152,7 @@ def remark(ensemble: Ensemble, name: str) -> str:
     if lacking and name == "settling_time":
         text = f"{count_text(lacking, 'motor')} didn't settle within the experiment. "
     if math.isfinite(by_lines) and abs(by_lines - 1) > _ROUGH and len(values) > 100:
-        text += f"Straight lines make {plain(100 * by_lines, 2)} % of the variance among these motors: the shares are rough."
+        text += f"Straight lines explain {plain(100 * by_lines, 2)} % of the variance among these motors: the shares are rough."
     return text.strip()
 
 
@@ -160,7 +160,7 @@ def coverage_text(each: Coverage) -> str:
     """Return in a sentence how often the intervals of a parameter hold the truth."""
     return (
         f"{parameter_in_words(each.parameter)}: {each.covered} of {count_text(each.known, 'interval')} "
-        f"{'holds' if each.known == 1 else 'hold'} the truth "
+        f"{'contains' if each.known == 1 else 'contain'} the true value "
         f"({plain(100 * each.share, 3)}{SPACE}%); expected 95{SPACE}% ± {plain(196 * each.sd, 2)}{SPACE}%"
     )
 

@@ -137,22 +137,20 @@ def pool_of(work: Callable[[Any], Any], count: int, scheduler: str | None) -> It
         distributed: Any = import_module("distributed")
     except ImportError:
         raise UsageError(
-            f"`scheduler={scheduler}`: needs Dask; python -m pip install 'servobench[fleet]'"
+            f"`scheduler={scheduler}` needs Dask; python -m pip install 'servobench[fleet]'"
         ) from None
     try:
         client = distributed.Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         why = (str(error).splitlines() or ["no reason given"])[0]
         raise UsageError(
-            f"`scheduler={scheduler}`: nobody answers there ({why}); start one with `dask scheduler`, and workers with "
+            f"`scheduler={scheduler}`: nothing answers there ({why}); start one with `dask scheduler`, and workers with "
             "`dask worker ADDRESS`"
         ) from error
     with client:
         threads = sum(client.nthreads().values())
         if not threads:
-            raise UsageError(
-                f"`scheduler={scheduler}`: has no workers; start some with `dask worker ADDRESS`"
-            )
+            raise UsageError(f"`scheduler={scheduler}` has no workers; start some with `dask worker ADDRESS`")
         yield Cluster(work, partial(client.submit, pure=False), ahead=4 * threads)
 
 
@@ -162,7 +160,7 @@ def _check_apart(source: Source, folder: Path) -> None:
         return
     if Path(source.address) == folder.resolve():
         raise UsageError(
-            f"`out={folder}`: is the folder with the recordings; give the results a folder of their own"
+            f"`out={folder}` is the folder with the recordings; give the results a folder of their own"
         )
     if folder.resolve() in Path(source.address).parents:
-        raise UsageError(f"`out={folder}`: holds the recordings; give the results a folder of their own")
+        raise UsageError(f"`out={folder}` holds the recordings; give the results a folder of their own")

@@ -48,7 +48,9 @@ class NamePattern:
         for piece in _PIECE.finditer(self.text):
             name, anything, text = piece["field"], piece["any"], piece["text"]
             if piece["stray"]:
-                raise UsageError(f"`pattern={self.text}`: a brace has no partner; write {{serial}}")
+                raise UsageError(
+                    f"`pattern={self.text}`: a brace isn't closed, or wasn't opened; write {{serial}}"
+                )
             if name is not None:
                 self._check(name, names)
                 names.append(name)
@@ -59,7 +61,7 @@ class NamePattern:
                 parts.append(re.escape(text))
         if not names:
             raise UsageError(
-                f"`pattern={self.text}`: has no field; write what the names tell in braces, such as "
+                f"`pattern={self.text}` has no field; put what varies in the names into braces, such as "
                 "'{serial}_{date}.csv'"
             )
         return re.compile("".join(parts), re.DOTALL)
@@ -72,13 +74,13 @@ class NamePattern:
             )
         if name in before:
             raise UsageError(
-                f"`pattern={self.text}`: {{{name}}} stands in it twice; give each field its own name"
+                f"`pattern={self.text}`: {{{name}}} occurs in it twice; give each field its own name"
             )
         if name in RESERVED or any(
             name.endswith(ending) and name.removesuffix(ending) in PARAMETER_NAMES for ending in _ENDINGS
         ):
             raise UsageError(
-                f"`pattern={self.text}`: the table has a column {name} already; call the field otherwise"
+                f"`pattern={self.text}`: the table has a column {name} already; give the field another name"
             )
 
 

@@ -235,7 +235,7 @@ def _outlier_text(fleet: Fleet) -> str:
     motors = count_text(int(fleet.outlying.sum()), "motor")
     return (
         f"{motors} of {known} further than {plain(fleet.farthest, 3)} standard deviations from the middle of all, over all "
-        "parameters together; of motors alike, one fleet in a hundred has one"
+        "parameters together; one fleet in a hundred of identical motors has one"
     )
 
 

@@ -60,7 +60,7 @@ class Results:
                 path.unlink()
             self._check_settings()
         except FileExistsError:
-            raise UsageError(f"`out={self.folder}`: is a file; expected a folder for the results") from None
+            raise UsageError(f"`out={self.folder}` is a file; expected a folder for the results") from None
         except OSError as error:
             self._release()
             if isinstance(error, StorageError):
@@ -159,14 +159,14 @@ class Results:
             for path in self.folder.iterdir()
         ):
             raise UsageError(
-                f"`out={self.folder}`: holds something else than results of a fleet; give a new folder"
+                f"`out={self.folder}` holds something other than the results of a fleet; give a new folder"
             )
 
     def _take(self) -> None:
         self._lock = (self.folder / ".lock").open("ab")
         if not hold(self._lock):
             raise UsageError(
-                f"`out={self.folder}`: another command is writing there; wait for its end, or stop it"
+                f"`out={self.folder}`: another command is writing there; wait until it ends, or stop it"
             )
 
     def _release(self) -> None:
@@ -186,7 +186,7 @@ class Results:
         if self._is_of_use():
             changed = _differences(before, self._settings)
             raise UsageError(
-                f"`out={self.folder}`: holds results of other settings ({'; '.join(changed)}). Rows of both in one table "
+                f"`out={self.folder}` holds results of other settings ({'; '.join(changed)}). Rows of both in one table "
                 "couldn't be compared: give a new folder, or the same settings"
             )
         for part in part_files(self.folder):
@@ -201,7 +201,7 @@ def settings_in(folder: Path) -> dict[str, Any]:
         settings = json.loads(path.read_text(encoding="utf-8"))
     except OSError:
         raise FormatError(
-            f"{folder}: holds no results of a fleet; expected the folder that `servobench fleet SOURCE --out` wrote"
+            f"{folder} holds no results of a fleet; expected the folder that `servobench fleet SOURCE --out` wrote"
         ) from None
     except ValueError as error:
         raise FormatError(f"{path} is damaged: {error}; give a new folder") from None
@@ -248,7 +248,7 @@ def _table(path: Path, columns: list[str] | None) -> Any:
         return parquet.ParquetFile(path).read(columns=columns, use_threads=False)
     except (OSError, pa.ArrowException, KeyError) as error:
         raise FormatError(
-            f"{path} is damaged: {(str(error).splitlines() or ['no more is said'])[0]}. Delete it, and its files are "
+            f"{path} is damaged: {(str(error).splitlines() or ['no details'])[0]}. Delete it, and its files are "
             "identified again"
         ) from error
 

@@ -37,8 +37,8 @@ class Settings:
         values = self.options.get("input_value")
         if isinstance(values, list | tuple) and len(values) > 1:
             raise UsageError(
-                f"`input_value=...` is given {len(values)} times; of files that are identified one by one all have the same, or "
-                "each has it in its name: `input_value={level}pwr:%`"
+                f"`input_value=...` is given {len(values)} times; files that are identified one by one share one value, or "
+                "have it in their names: `input_value={level}pwr:%`"
             )
 
     def identify(self, path: Path) -> tuple[list[Evidence], Result]:

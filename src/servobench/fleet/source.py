@@ -212,11 +212,11 @@ def recording_endings() -> tuple[str, ...]:
 def _why_none(source: Source, pattern: NamePattern | None, others: Iterable[str]) -> str:
     first = next(iter(others), None)
     if first is None:
-        return f"{source.address}: holds no files; expected recordings"
+        return f"{source.address} holds no files; expected recordings"
     if pattern is not None:
         return f"{source.address}: no file matches `pattern={pattern.text}`; the first file there is {first}"
     return (
-        f"{source.address}: holds no recordings; files such as {first} have none of the endings {' '.join(recording_endings())}. "
+        f"{source.address} holds no recordings; files such as {first} have none of the endings {' '.join(recording_endings())}. "
         "If they are recordings, say what they are called: `pattern={serial}.log`"
     )
 

@@ -34,7 +34,7 @@ def identify_item(source: Source, settings: Settings, item: Item, columns: Mappi
     except MemoryError:
         outcome, reason = CRASHED, "there isn't enough memory for it"
     except (Exception, SystemExit) as error:  # one file must not end a run of thousands
-        first_line = (str(error).splitlines() or ["no more is said"])[0]
+        first_line = (str(error).splitlines() or ["no details"])[0]
         outcome, reason = CRASHED, f"a fault of servobench: {type(error).__name__}: {first_line}"
     if row is None:
         # A message names the file where it was read, which for a store is a folder that is gone.
@@ -63,4 +63,4 @@ def write_report(
         return explain(result, middle).sentences[:_SENTENCES]
     except (ServobenchError, ArithmeticError, LinAlgError) as error:
         # Such as data without any noise, which leave a matrix of uncertainties without an inverse.
-        return (f"Nothing can be said of the cause: {error}.",)
+        return (f"The cause can't be determined: {error}.",)

@@ -98,7 +98,7 @@ def compare(
     for name, result in named.items():
         if not isinstance(result, Result) or result.fit is None:
             raise UsageError(
-                f"{name} is {type(result).__name__} without a model; expected what identify() returned, not refused"
+                f"{name} is {type(result).__name__} without a model; expected a result of identify() that wasn't refused"
             )
     if not named:
         raise UsageError("models is empty; expected a Result, or a dict of several by name")
@@ -118,7 +118,7 @@ def _simulation(name: str, result: Result, record: Dataset) -> Simulated:
     own = model.data
     if (own.input_unit, own.position_unit) != (record.input_unit, record.position_unit):
         raise UsageError(
-            f"{name} goes from {own.input_unit} to {own.position_unit}, {record.name} from {record.input_unit} to "
+            f"{name} goes from {own.input_unit} to {own.position_unit}, but {record.name} from {record.input_unit} to "
             f"{record.position_unit}: give data in the model's units"
         )
     simulation = simulate_record(model.structure, model.theta, record)

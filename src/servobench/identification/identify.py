@@ -174,8 +174,8 @@ def _validation_data(
     for other in others:
         if any(share_samples(record, other) for record in records):
             raise UsageError(
-                f"{other.name} is to validate the model, but the model is fitted to the same samples, which proves nothing; give "
-                "another recording of the motor, or none: then parts of the data are left out in turn"
+                f"{other.name} can't validate the model, which is fitted to the same samples; give another recording of the "
+                "motor, or none: then parts of the data are left out in turn"
             )
     return others
 
@@ -225,9 +225,10 @@ def _identify(
     findings += judged.findings
     if any(finding.code == "kind-mistaken" for finding in findings):  # no further record would help
         findings = [finding for finding in findings if finding.code != "nothing-known"]
-    if is_unexplained(findings):
+    simulated = judged.fit.fit_percent if judged.fit else np.nan
+    if is_unexplained(findings, simulated):
         codes = {finding.code for finding in findings}
-        causes = judged.causes.explain(judged.fit.fit_percent if judged.fit else np.nan)
+        causes = judged.causes.explain(simulated)
         new = [cause for cause in causes if cause.code not in codes and not _in_model(cause, judged.fit)]
         findings = [*new, *findings]  # what is wrong says more than that something is
     return Result(

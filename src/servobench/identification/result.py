@@ -379,7 +379,7 @@ class Result:
     def _require_fit(self) -> Fit:
         if self.fit is None:
             raise NotIdentifiable(
-                "this result has no model, its findings say why: identify again with other data or another structure"
+                "this result has no model (its findings say why): identify again with other data or another structure"
             )
         return self.fit
 

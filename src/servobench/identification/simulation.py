@@ -101,8 +101,8 @@ def predict(fit: Fit | HasFit, data: Dataset) -> Array:
     check_type("data", data, Dataset, "a Dataset, which measure() makes of a recording")
     if known.disturbance is not None and data.chain.linear:
         raise UsageError(
-            f"{data.name} stands behind a measurement chain (`{data.chain}`), and the fit's noise model is that of the shaft "
-            "itself: simulate the record, or fit data of the same chain"
+            f"{data.name} was measured through a chain (`{data.chain}`), but the fit's noise model is that of the shaft "
+            "itself: simulate the record, or fit data with the same chain"
         )
     return _prediction(known, _record(known, data))
 
@@ -219,6 +219,6 @@ def _fit(source: Fit | HasFit) -> Fit:
     check_type("the model", source, HasFit, "a Result that identify() returned, or its fit")
     if source.fit is None:
         raise NotIdentifiable(
-            "this result has no model, its findings say why: identify again with other data or another structure"
+            "this result has no model (its findings say why): identify again with other data or another structure"
         )
     return source.fit

@@ -125,11 +125,9 @@ class Watch:
         if self._writer is None:
             came = self._intake.unread
             instead = (
-                f"; the last line was {came!r}, and rows like 0.001,1.5,2048 were expected" if came else ""
+                f"; the last line was {came!r}, but rows like 0.001,1.5,2048 were expected" if came else ""
             )
-            raise UsageError(
-                f"{self._name}: no rows came that a recording could be made of{instead}; nothing was recorded"
-            )
+            raise UsageError(f"{self._name}: no usable rows came{instead}; nothing was recorded")
         self._finish(stopped)
         self._writer.close()
         evidence = [Evidence(each, chain) for each, chain in zip(read(self._path), self._chains, strict=True)]
@@ -177,7 +175,7 @@ class Watch:
             name, symbol = likely_unit(self._slow)
             return (
                 f"the rows are {plain(self._slow, 3)} s apart, which is slow for a motor; if the time column is in {name}, "
-                f"end this and begin again with `time=COL:{symbol}`"
+                f"stop and start again with `time=COL:{symbol}`"
             )
         if self._live is None:
             return "recording; a speed is identified at the end, a position also live"
@@ -189,15 +187,13 @@ class Watch:
             if doubt := _first_warning(self._judged):
                 # More of the same motion would change nothing of that.
                 return f"{self._judged.verdict}: {doubt}"
-            return (
-                f"needs more motion, and other motion: with what the model may be wrong by, {progress}{both}"
-            )
+            return f"needs more motion, and other motion: with the model error, {progress}{both}"
         if self.enough:
             parameters = self._live.message()["parameters"]
             share = " and ".join(
                 f"{parameter_in_words(name)} {_share(parameters[name])}" for name in self._wish
             )
-            return f"by noise alone {share}; what the model may be wrong by comes on top{both}"
+            return f"by noise alone {share}; the model error comes on top{both}"
         if self._live.message()["white"] is False:
             return "the motor doesn't do what the model says: look for play, a load that changes, or a limit that it reaches"
         return " and ".join(self._live.missing_motions()) or "needs more of the same motion"
@@ -318,9 +314,7 @@ def _without_stubs(evidence: list[Evidence]) -> list[Evidence]:
         return evidence
     stubs = [each.recording for each in evidence if each not in long]
     listed = ", ".join(f"{each.name} of {count_text(len(each.series[0].values), 'row')}" for each in stubs)
-    sentence = (
-        f"Between restarts or pauses of the stream too little came for a model, and is left out: {listed}."
-    )
+    sentence = f"Left out, as too short for a model, between restarts or pauses of the stream: {listed}."
     first = long[0].recording
     marked = replace(first, findings=(*first.findings, info("stream-stub", sentence)))
     return [replace(long[0], recording=marked), *long[1:]]
@@ -380,7 +374,7 @@ class _Travel:
 def _about_wraps(travel: _Travel) -> Finding:
     return info(
         "stream-counter-wraps",
-        f"The counter wrapped {count_text(travel.wraps, 'time')} at {travel.bits} bits; that is taken out.",
+        f"The counter wrapped {count_text(travel.wraps, 'time')} at {travel.bits} bits; the wraps are removed.",
     )
 
 
@@ -418,7 +412,7 @@ def stop_text(reason: str) -> Stopped:
     sentences: dict[str, tuple[StopReason, str]] = {
         "end": ("finished", "the stream ended"),
         "known": ("finished", "stopped when enough was known"),
-        "time": ("finished", "stopped when the time was over"),
+        "time": ("finished", "stopped at the time limit"),
         "interrupted": ("interrupted", "interrupted; the motor isn't driven from here"),
     }
     kind, sentence = sentences[reason]

@@ -33,7 +33,7 @@ _FACTORS: tuple[tuple[float, str], ...] = (
                   )),
     (1 / (2 * math.pi), "that factor is 1/2π: between revolutions and radians, or hertz and rad/s, it is missing"),
     (0.25, "it is a quarter of it: quadrature gives four counts for each line of the encoder's disc"),
-    (4.0, "it is four times as much: the four counts for each line may have been taken twice"),
+    (4.0, "it is four times as much: the four counts for each line may have been applied twice"),
     (2.0, "it is twice as much"),
     (0.5, "it is half of it"),
 )  # fmt: skip
@@ -50,7 +50,7 @@ class CheckedAnswer:
 def check(
     exercise: Exercise, answers: Mapping[str, str], facts: Mapping[str, Fact]
 ) -> dict[str, CheckedAnswer]:
-    """Return what is to be said of each answer that was given, by the id of its blank.
+    """Return the feedback on each answer that was given, by the id of its blank.
 
     Raises `UnknownName` for a blank that the exercise hasn't, and `UsageError`, with the file and line of the rule, for a rule
     that asks for something that isn't among the facts.
@@ -61,19 +61,17 @@ def check(
         try:
             checked[name] = check_blank(blank, text, facts)
         except NotIdentifiable as error:
-            checked[name] = CheckedAnswer(
-                right=False, sentence=f"Nothing can be said of this answer: {error}"
-            )
+            checked[name] = CheckedAnswer(right=False, sentence=f"This answer can't be checked: {error}")
         except UsageError as error:
             raise UsageError(f"{exercise.place(blank)}: blank {blank.id!r}: {error}") from error
     return checked
 
 
 def check_blank(blank: Blank, text: str, facts: Mapping[str, Fact]) -> CheckedAnswer:
-    """Return what is to be said of an answer to a blank.
+    """Return the feedback on an answer to a blank.
 
-    Raises `NotIdentifiable` where the recording behind the facts can't tell the right answer, and `UsageError` for a rule that
-    asks for something that isn't among the facts.
+    Raises `NotIdentifiable` where the recording behind the facts doesn't determine the right answer, and `UsageError` for a rule
+    that asks for something that isn't among the facts.
     """
     answer = _number(blank, text)
     if isinstance(answer, CheckedAnswer):
@@ -164,7 +162,7 @@ def _difference(blank: Blank, answer: float, known: float, allowed: float) -> st
     what = _size(abs(ratio), " in size" if known < 0 else "")
     if ratio < 0:
         return f"The sign is wrong.{' ' + what if what else ''}"
-    return what or "It is close, but further off than it may be."
+    return what or "It is close, but outside the tolerance."
 
 
 def _size(ratio: float, of_what: str) -> str:
@@ -175,7 +173,7 @@ def _size(ratio: float, of_what: str) -> str:
     if abs(ratio - 1) <= _NEAR:
         return f"It is close: within 5 %, a little too {way}. Check how precisely it was read or rounded."
     if math.isinf(ratio):
-        return f"It is too {way} by more than any number tells."
+        return f"It is too {way} by more than any number can say."
     power = math.log10(ratio)
     if round(power) and abs(power - round(power)) < math.log10(1 + _SAME):
         return (

@@ -54,7 +54,7 @@ class Evidence(Mapping[str, Fact]):
         )
         if result is not None and result.fit is None and name in _identifiable():
             why = "; ".join(f.sentence for f in result.findings if f.severity is Severity.REFUSAL)
-            raise NotIdentifiable(f"the recording tells no {name}: {why}")
+            raise NotIdentifiable(f"the recording doesn't determine {name}: {why}")
         fact = facts[name]
         if name in _NEVER_ZERO and fact.half >= fact.value:
             raise NotIdentifiable(

@@ -197,9 +197,9 @@ def check_made_for(exercise: Exercise, recording: Recording, called: str = "") -
     if other:
         raise UsageError(
             f"{called or recording.name} comes from another experiment than the exercise {exercise.name!r}: its "
-            f"{' and '.join(other)} {'is' if len(other) == 1 else 'are'} not the exercise's, whose answers are "
-            "those of its own experiment. Load that "
-            f"in the panel, or copy it from the page of `servobench lab do {exercise.name} --page PAGE.html`, and record it"
+            f"{' and '.join(other)} {'is' if len(other) == 1 else 'are'} not the exercise's. Load the exercise's "
+            f"experiment in the panel, or copy it from the page of `servobench lab do {exercise.name} --page PAGE.html`, "
+            "and record it"
         )
 
 

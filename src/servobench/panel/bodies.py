@@ -114,7 +114,7 @@ def parse_object(text: str | bytes) -> dict[str, Any]:
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number")
+    raise ValueError(f"{text} isn't a number")
 
 
 def _finite(text: str) -> float:

@@ -20,7 +20,7 @@ from servobench.recordings.recording import Recording, Series
 QUESTIONS = "columns.json"
 _FIRST = 5  # values of a column that are shown
 _LONGEST = 500  # letters of an answer
-_NEEDED = {"input": "what drives the motor", "output": "what was measured of the motor"}
+_NEEDED = {"input": "what drives the motor", "output": "what was measured on the motor"}
 
 
 def questions(recording: Recording) -> dict[str, Any]:

@@ -34,12 +34,14 @@ def recordings_of_arrays(
             raise UsageError(f'{name} is missing: say the unit of {array}, such as {name}="{example}"')
     inputs, outputs = _records("u", u), _records("y", y)
     if len(inputs) != len(outputs):
-        raise UsageError(f"u has {len(inputs)} records and y {len(outputs)}; expected as many")
+        raise UsageError(f"u has {len(inputs)} records and y {len(outputs)}; expected the same number")
     times = [None] * len(inputs) if t is None else _records("t", t)
     if len(times) == 1:
         times = times * len(inputs)
     if len(times) != len(inputs):
-        raise UsageError(f"t has {len(times)} records and u {len(inputs)}; expected as many, or one for all")
+        raise UsageError(
+            f"t has {len(times)} records and u {len(inputs)}; expected the same number, or one t for all"
+        )
     several = len(inputs) > 1
     return tuple(
         _recording(f"arrays {k + 1}" if several else "arrays", *record, str(input_unit), str(output_unit))
@@ -52,7 +54,7 @@ def _recording(
 ) -> Recording:
     if len(u) != len(y) or (t is not None and len(t) != len(u)):
         lengths = f"u has {len(u)} values, y {len(y)}" + ("" if t is None else f", t {len(t)}")
-        raise UsageError(f"{name}: {lengths}; expected as many of each")
+        raise UsageError(f"{name}: {lengths}; expected the same number of each")
     return Recording(
         name=name,
         series=(
@@ -78,7 +80,7 @@ def _numbers(name: str, argument: Any) -> Array:
         texts = mostly_numbers(np.asarray(argument, dtype=object))[1]
         example = f": {name}[{min(texts)}] is {texts[min(texts)][:40]!r}" if texts else ""
         raise UsageError(
-            f"{name} is a {type(argument).__name__} that isn't numbers{example}; expected an array of numbers, (N,)"
+            f"{name} is a {type(argument).__name__} that doesn't hold numbers{example}; expected an array of numbers, (N,)"
         )
     if not values.size:
         raise UsageError(f"{name} is empty; expected one number for each sample, (N,)")

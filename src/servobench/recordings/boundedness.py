@@ -162,7 +162,7 @@ def _judge(data: Dataset, start: float, end: float, level: float, slopes: Sequen
         sentence = f"{held}, and the {data.kind} turned back or started late: no single pole explains that."
     else:
         exponent = _exponent(before, one, two, 0.25 * (end - start))
-        grown = f"{held}, and the {data.kind} went on by {round_value(two.value, two.half, unit)} at the end"
+        grown = f"{held}, and at the end the {data.kind} was still changing by {round_value(two.value, two.half, unit)}"
         sentence = f"{grown}. {_course(exponent)}"
     return Stretch(start=start, end=end, level=level, slopes=(one, two), exponent=exponent, sentence=sentence)
 

@@ -88,7 +88,7 @@ class _Said:
             column = getattr(own, role) or getattr(recording, role)
             if column is None:
                 raise UsageError(
-                    f'{role}_unit is {unit!r}, but no column is the {role}: say {role}="COL:{unit}"'
+                    f'{role}_unit is {unit!r}, but no column is named as the {role}: say {role}="COL:{unit}"'
                 )
             name = column if column in recording else ColumnSpec.parse(column).column
             settings: dict[str, Any] = {role: f"{name}:{unit}"}
@@ -200,12 +200,12 @@ def _datasets(data: object, argument: str, options: dict[str, Any]) -> tuple[Dat
     datasets = tuple(each for each in parts if isinstance(each, Dataset))
     if datasets and len(datasets) < len(parts):
         raise UsageError(
-            f"{argument} has Datasets beside things that are still to be read; make Datasets of all of them with measure()"
+            f"{argument} mixes Datasets with data that are still to be read; make Datasets of all of them with measure()"
         )
     nonempty = _without_empty(options)
     if datasets and nonempty:
         raise UsageError(
-            f"{argument} is of Datasets, which have columns, units and chain already: leave {' and '.join(nonempty)} out"
+            f"{argument} consists of Datasets, which have columns, units and chain already: leave {' and '.join(nonempty)} out"
         )
     return datasets
 
@@ -216,13 +216,11 @@ def _of_arrays(data: object, argument: str, options: dict[str, Any]) -> tuple[Re
         raise UsageError(f"both {argument} and {' and '.join(array_names)} are given; give one or the other")
     if not {"u", "y"} <= set(array_names):
         raise UsageError(
-            f"{' and '.join(array_names)} alone: give the input as u= and the output as y=, arrays of the same length"
+            f"only {' and '.join(array_names)} given: give the input as u= and the output as y=, arrays of the same length"
         )
     columns = [name for name in (*_TEXTS[:6], "input_value") if name in options]
     if columns:
-        raise UsageError(
-            f"{columns[0]} names a column or stands for one, and there are none where arrays are given: leave it out"
-        )
+        raise UsageError(f"{columns[0]} refers to a column, and arrays have none: leave it out")
     return recordings_of_arrays(
         options["u"], options["y"], options.get("t"), options.get("input_unit"), options.get("output_unit")
     )

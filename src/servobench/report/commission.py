@@ -117,7 +117,7 @@ def conclusion(acceptance: Acceptance) -> dict[str, str]:
         return {"state": "refused", "word": "Failed", "reason": reason}
     if acceptance.counts["verified"] == len(acceptance.checks):
         return {"state": "trusted", "word": "Accepted", "reason": reason}
-    return {"state": "doubtful", "word": "Nothing failed, not all is verified", "reason": reason}
+    return {"state": "doubtful", "word": "Nothing failed, but not all is verified", "reason": reason}
 
 
 def _identity(acceptance: Acceptance) -> tuple[Fact, ...]:
@@ -135,7 +135,7 @@ def _identity(acceptance: Acceptance) -> tuple[Fact, ...]:
         "Serial number or port": info.serial or "not reported",
         "Firmware": firmware or "not reported",
         "Settings": ", ".join(f"{name} = {value}" for name, value in settings.items()) or "the defaults",
-        "Says of its encoder": ", ".join(encoder) or "nothing",
+        "Encoder, as reported": ", ".join(encoder) or "nothing",
         "Voltage limit": f"{plain(acceptance.voltage_limit)} V",
         "Sample time": f"{milliseconds(acceptance.sample_time)} ms",
         "Carried out": acceptance.created.replace("T", " ").replace("+00:00", " UTC"),

@@ -46,7 +46,7 @@ def readings(explanation: Explanation) -> Illustration | None:
     return Illustration(
         name="readings",
         title=f"The {parameter_in_words(difference.name)}, read in several ways",
-        caption=f"From the same data, behind {read[0].chain}. The line is the claim, the band its uncertainty.",
+        caption=f"From the same data, after {read[0].chain}. The line is the claim, the band its uncertainty.",
         description=f"The data give {with_unit(difference.data, difference.unit)}, the claim is "
         f"{with_unit(difference.other, difference.unit)}. {text}.",
         draw=partial(_dots, tuple(rows), difference),
@@ -62,7 +62,7 @@ def causes(explanation: Explanation) -> Illustration | None:
     shares = [(each, _share(each, difference.name)) for each in weighed]
     return Illustration(
         name="causes",
-        title=f"What each cause explains of the difference in the {parameter_in_words(difference.name)}",
+        title=f"How much each cause explains of the difference in the {parameter_in_words(difference.name)}",
         caption="At its usual or known size. The figure after each bar is the probability that it contributes.",
         description=" ".join(
             f"{each.label}: {share:.0f} %, probability {100 * each.probability:.0f} %."

@@ -152,7 +152,7 @@ def _course_caption(result: Result, shown: Sequence[Dataset]) -> str:
         )
     elif shown and shown[0].chain:
         parts.append(
-            f"The signals are behind the measurement chain ‘{shown[0].chain}’, which the model's output passed too."
+            f"The signals are shown after the measurement chain ‘{shown[0].chain}’, through which the model's output passed, too."
         )
     return " ".join(parts) + _more(len(result.data))
 

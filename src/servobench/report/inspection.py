@@ -145,10 +145,10 @@ def _facts(recording: Recording, shown: Sequence[str], data: Dataset | None) -> 
             f"{percent(100 * ends.at_largest)} % at the largest, {high}; at most {count_text(ends.longest, 'sample')} in a row"
         )
         if ends.looks_limited:
-            text += ". It stays nowhere else so long: it is limited"
+            text += ". It stays nowhere else for so long, so it is limited"
         facts.append(Fact(heading=name, text=f"{text}."))
     if data is not None:
-        chain = str(data.chain) or ("nothing, as declared" if data.chain_known else "nobody says")
+        chain = str(data.chain) or ("nothing, as declared" if data.chain_known else "not stated")
         facts.append(Fact(heading="Between shaft and output", text=chain))
     return tuple(facts)
 

@@ -182,6 +182,30 @@ def _example(code: str, faulty: Callable[[], Dataset], like: Callable[[], Datase
     return Example(code=code, raised=partial(of, faulty), absent=partial(of, like))
 
 
+def _under_5_volts(sense: float) -> Dataset:
+    """1 s of 5 V, and another whose voltage goes that way and is written as 5 V."""
+    turned = driven(np.repeat([5.0, 5.0 * sense], 500))
+    return replace(turned, u=np.full(1000, 5.0))
+
+
+def _against_a_stop(at: int) -> Dataset:
+    """2 s of 5 V, in which the shaft comes to an end stop at that sample."""
+    turned = driven(np.full(1000, 5.0))
+    return replace(turned, y=turned.y[np.minimum(np.arange(1000), at)])
+
+
+def _towards(goal: float) -> Dataset:
+    """A position that settles at 1 rad, under a voltage in proportion to its distance from a goal [rad]."""
+    y = -np.expm1(-np.arange(1000) / 100.0)
+    return dataset(seed=1, samples=1000, u=3.0 * (goal - y), y=y)
+
+
+def _read_every(rows: int) -> Dataset:
+    """A record whose rows were read so many at once, at half of the time between samples, and then waited for."""
+    late = 0.001 * (np.arange(5000) % rows)
+    return replace(sound(), t_input=sound().t_input - late, t_output=sound().t_output - late)
+
+
 def _slipped(angle: float) -> Dataset:
     """A shaft that slips in its coupling by an angle [rad], once."""
     return replace(sound(), y=sound().y + np.where(np.arange(5000) > 3210, angle, 0.0))
@@ -220,8 +244,11 @@ EXAMPLES = (
     _example("input-is-output", lambda: replace(sound(), u=0.01 * sound().y), sound),
     _example("input-settles-at-output", lambda: _speed_loop(1.0), lambda: _speed_loop(0.9)),
     _example("limit-cycle", lambda: _relay(0.1), sound),
+    _example("loop-proportional", lambda: _towards(1.0), lambda: _towards(2.0)),
     _example("loop-runs-away", lambda: _step_to(-5.0), lambda: _step_to(1.0)),
     _example("loop-swings", lambda: _loop_at_its_limits(20), lambda: _loop_at_its_limits(1000)),
+    _example("motion-reversed", lambda: _under_5_volts(-1.0), lambda: _under_5_volts(1.0)),
+    _example("motion-stopped", lambda: _against_a_stop(700), lambda: _against_a_stop(1000)),
     _example("motion-too-small", _within_a_count, _square),
     _example("output-clipped", _clipped, _square),
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
@@ -237,5 +264,6 @@ EXAMPLES = (
     ),
     _example("table-static", lambda: _table("sample-time-given"), lambda: _table("")),
     _example("time-uneven", lambda: _jittered(0.9), lambda: _jittered(0.0)),
+    _example("times-of-reading", lambda: _read_every(200), lambda: _read_every(1)),
     _example("time-unit-doubtful", lambda: _slow("time-recognised"), lambda: _slow("")),
 )

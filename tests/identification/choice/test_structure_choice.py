@@ -228,7 +228,7 @@ def test_a_second_lag_of_a_speed_of_unknown_origin_may_be_a_filters() -> None:
     result = identify(measure(recording(speed, "rad/s", t=t, u=u)))
 
     (found,) = [each for each in result.findings if each.code == "winding-found"]
-    assert "of whatever filtered the speed" in found.sentence
+    assert "of a filter on the speed" in found.sentence
     assert "inductance" not in found.sentence
 
 

@@ -70,7 +70,9 @@ def explanations() -> list[Explanation]:
 
 def named_in(text: str) -> str:
     """Return the places in which sentences name causes that are likely, alike, or to be decided about."""
-    places = r"most likely cause is ([^.(]*)|most probably ([^.]*)|can't tell ([^:]*)|To decide ([^:]*)"
+    places = (
+        r"most likely cause is ([^.(]*)|most probably ([^.]*)|can't distinguish ([^:]*)|To decide ([^:]*)"
+    )
     return " ".join("".join(each) for each in re.findall(places, text))
 
 
@@ -92,7 +94,7 @@ def test_no_cause_that_is_excluded_has_a_probability_or_is_to_be_decided_about()
                 assert cause.probability == 0.0
                 assert cause.against
                 asked = re.findall(
-                    r"most likely cause is ([^.(]*)|most probably ([^.]*)|can't tell ([^:]*)|To decide ([^:]*)",
+                    r"most likely cause is ([^.(]*)|most probably ([^.]*)|can't distinguish ([^:]*)|To decide ([^:]*)",
                     others,
                 )
                 assert cause.label not in " ".join(" ".join(each) for each in asked)

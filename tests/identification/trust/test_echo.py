@@ -1,11 +1,13 @@
 """An input that is the output once more drives nothing; that of a proportional controller does."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import servobench as sb
+from servobench.core.channels import Array
 from servobench.identification.trust.doubts.base import DOUBTS
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.control.pid import Pid
@@ -38,11 +40,20 @@ def test_a_closed_loop_with_a_column_from_the_shaft_in_the_voltages_place_is_rep
     assert codes(replace(stepped, u=7.5 * stepped.y + 1)) == {"input-is-output"}
 
 
-@pytest.mark.parametrize("reference", [None, "the input itself"])
-def test_in_an_open_loop_an_echo_is_one_whatever_its_offset(stepped: Dataset, reference: str | None) -> None:
-    held = None if reference is None else stepped.u
+def test_a_controllers_voltage_without_its_reference_is_doubted_and_not_refused(stepped: Dataset) -> None:
+    """It drives the shaft to where it is zero itself."""
+    assert codes(replace(stepped, reference=None)) == {"loop-proportional"}
 
-    assert codes(replace(stepped, reference=held)) == {"input-is-output"}
+
+@pytest.mark.parametrize("change", [lambda y: 7.5 * y, lambda y: -7.5 * y, lambda y: 7.5 * (0.8 - y)])
+def test_without_a_reference_a_column_that_drives_the_shaft_nowhere_is_an_echo(
+    stepped: Dataset, change: Callable[[Array], Array]
+) -> None:
+    assert codes(replace(stepped, reference=None, u=change(stepped.y))) == {"input-is-output"}
+
+
+def test_an_input_that_is_called_the_reference_too_is_an_echo(stepped: Dataset) -> None:
+    assert codes(replace(stepped, reference=stepped.u)) == {"input-is-output"}
 
 
 def test_the_speed_once_more_is_an_echo_too(stepped: Dataset) -> None:

@@ -152,3 +152,26 @@ def test_an_input_of_many_levels_shows_a_limit_and_a_play(
 
     assert found is not None
     assert found.misfit < 0.1 * case.plain.misfit
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.3, 0.6])
+def test_how_much_an_input_beyond_a_limit_still_does_is_stated(slope: float) -> None:
+    """A triangle of 3 V of which what is beyond 1.5 V acts by a part."""
+    u = 3.0 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * np.arange(5000) / 1000))
+    acting = slope * u + (1 - slope) * np.clip(u, -1.5, 1.5)
+
+    found = explain([replace(_ideal(acting, 0.002), u=u)])
+
+    assert [finding.code for finding in found] == ["gain-falls"]
+    assert ("no further effect" in found[0].sentence) == (slope == 0)
+    # The limits that are tried lie a tenth of the largest input apart, and this is one of them.
+    assert (f"act only {100 * slope:.0f} % as much" in found[0].sentence) == (slope > 0)
+
+
+def test_a_limit_in_a_record_of_eighty_samples_is_explained() -> None:
+    """A loop on a small board logs every 35 ms: ±10 V in steps, of which 3 V reach a motor of 0.1 s."""
+    u = np.repeat(np.random.default_rng(5).choice([-10.0, -6.0, -2.0, 2.0, 6.0, 10.0], 16), 5)
+
+    assert [finding.code for finding in explain([replace(_ideal(np.clip(u, -3.0, 3.0), 0.035), u=u)])] == [
+        "gain-falls"
+    ]

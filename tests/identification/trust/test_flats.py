@@ -233,3 +233,16 @@ def test_a_shaft_that_turns_evenly_under_an_alternating_input_is_none_of_its_own
     assert "output-still" not in told(replace(even, y=y + np.linspace(0.0, 0.2, 800) ** 2))
     assert "output-still" not in told(replace(even, u=np.tile([6.0, 0.0], 400)))  # too fast for a motor
     assert "output-still" not in told(replace(even, y=np.round(y / 3.0), quantum=1.0))  # four counts
+
+
+@pytest.mark.parametrize("late", [0, 10])
+def test_a_start_behind_a_coarse_encoder_is_no_blocked_shaft(late: int) -> None:
+    """115 counts in a turn: a motor of 0.25 s needs some 60 ms for the first one, and the delay stands before it."""
+    t = 0.006 * np.arange(260)
+    setting_off = np.maximum(t - 0.1 - 0.006 * late, 0.0)
+    angle = 9.0 * (setting_off + 0.25 * np.expm1(-setting_off / 0.25))
+    quantum = 2 * np.pi / 115
+    y = np.floor(angle / quantum) * quantum
+    data = dataset(seed=1, samples=260, sample_time=0.006, u=np.where(t < 0.1, 0.0, 0.5), y=y)
+
+    assert told(replace(data, quantum=quantum)) == set()

@@ -98,7 +98,7 @@ def test_a_ripple_shows_in_a_motor_that_turns_one_way_only() -> None:
 
 def test_the_ripple_that_is_there_is_the_one_that_is_reported() -> None:
     (finding,) = (f for f in identify(odd(1, ripple=0.02, cycles=6.0)).findings if f.code == "ripple")
-    assert "6 times a revolution" in finding.sentence
+    assert "6× per revolution" in finding.sentence
 
 
 @pytest.mark.parametrize("kind", ["square", "prbs"])
@@ -125,7 +125,7 @@ def test_a_size_beyond_the_input_is_not_reported() -> None:
     """A ripple of 250 V in a motor that got 3 V: something else moves it, and the number would be believed."""
     fit = identify(odd(1, ripple=0.02, cycles=6.0)).fit
     assert fit is not None
-    (term,) = (term for term in TERMS if term.code == "ripple" and "repeats 6 times" in term.sentence)
+    (term,) = (term for term in TERMS if term.code == "ripple" and "repeats 6× per" in term.sentence)
     told = []
     for size in (0.02, 250.0):
         shown = TermScore(
@@ -137,9 +137,9 @@ def test_a_size_beyond_the_input_is_not_reported() -> None:
             covariance=np.eye(2) * 1e-6,
         )
         told.append(missing_terms([shown])[0].sentence)
-    assert "0.02 ± 0.002 V to and fro" in told[0]
-    assert "to and fro" not in told[1]
-    assert "6 times a revolution" in told[1]
+    assert "0.02 ± 0.002 V in either direction" in told[0]
+    assert "in either direction" not in told[1]
+    assert "6× per revolution" in told[1]
 
 
 @pytest.mark.parametrize("kind", ["square", "prbs"])

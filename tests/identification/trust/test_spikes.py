@@ -31,6 +31,23 @@ def test_a_value_off_a_straight_course_is_one(size: float) -> None:
     assert spikes(y, STEP / 100).tolist() == [300]
 
 
+@pytest.mark.parametrize("samples", [20, 50, 100, 149, 400])
+def test_a_spike_is_found_in_a_record_of_any_length(samples: int) -> None:
+    t = np.arange(samples) / samples
+    y = 100.0 * -np.expm1(-t / 0.2) + 0.3 * np.random.default_rng(2).standard_normal(samples)
+    spiky = y.copy()
+    spiky[samples // 2] += 60.0
+
+    assert spikes(y, 0.0).tolist() == []
+    assert spikes(spiky, 0.0).tolist() == [samples // 2]
+
+
+def test_the_corner_of_a_step_from_rest_is_no_spike_in_a_short_record() -> None:
+    y = 100.0 * -np.expm1(-np.maximum(np.arange(40) - 5, 0) / 3.0)
+
+    assert spikes(y, 0.0).tolist() == []
+
+
 @pytest.fixture(scope="module")
 def noisy() -> Dataset:
     """The speed of the reference motor, with noise of 1 rad/s."""

@@ -78,7 +78,7 @@ def test_a_folder_of_mcap_files_is_read_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "why"),
     [
-        ([], "names no file"),
+        ([], "lists no file"),
         (["gone.db3"], "lacks its file gone.db3"),
         (["../../etc/passwd"], "lacks its file passwd"),
     ],
@@ -91,7 +91,7 @@ def test_a_folder_without_its_files_is_reported(names: list[str], why: str, tmp_
 
 
 def test_a_folder_that_is_no_bag_and_a_database_that_is_none_are_reported(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"no bag of ROS 2 .it lacks metadata\.yaml"):
+    with pytest.raises(UsageError, match=r"not a ROS 2 bag .it lacks metadata\.yaml"):
         load(tmp_path)
     for name in ("run1.csv", "run2.csv"):
         (tmp_path / name).write_text("t,u,y\n")
@@ -103,7 +103,7 @@ def test_a_folder_that_is_no_bag_and_a_database_that_is_none_are_reported(tmp_pa
     connection.execute("CREATE TABLE songs(name TEXT)")
     connection.commit()
     connection.close()
-    with pytest.raises(FormatError, match="no bag of ROS 2"):
+    with pytest.raises(FormatError, match="not a readable ROS 2 bag"):
         load(tmp_path / "songs.db3")
     (tmp_path / "half.db3").write_bytes(b"SQLite format 3\x00" + bytes(300))
     with pytest.raises(FormatError, match=r"half\.db3"):
@@ -174,6 +174,6 @@ def test_the_joint_that_moves_and_the_topic_of_commands_are_proposed(tmp_path: P
 
     with pytest.raises(MissingInformation) as error:
         assign(loaded(tmp_path / "a.db3"))
-    assert "as `/arm/commands.data` may be: say `input=/arm/commands.data:UNIT`" in str(error.value)
+    assert "(perhaps `/arm/commands.data`): say `input=/arm/commands.data:UNIT`" in str(error.value)
     # The joint that stands still isn't proposed.
     assert "`output=elbow" not in str(error.value)

@@ -193,7 +193,7 @@ def test_a_unit_row_counts_more_than_the_convention() -> None:
     ("times", "why"),
     [
         (RISING[::-1], "it runs backwards; sort the rows"),
-        (RISING[:1], "it has one row"),
+        (RISING[:1], "it has only one row"),
         (RISING * 0, "it stays the same from one row to the next 9 times"),
         (RISING[[0, 5, 2, 7, 1, 9, 3, 8, 4, 6]], "it goes back 4 times; sort the rows by it"),
     ],

@@ -65,7 +65,7 @@ def test_an_input_is_what_the_files_name_has(name: str, pattern: str, value: flo
         ({"input_value": "fifty:%"}, "expected a number with a unit"),
         ({"input_value": "5:furlong"}, "expected a number with a unit"),
         ({"input_value": "1e999:V"}, "too large"),
-        ({"input": "{level}pwr"}, "a unit behind the pattern"),
+        ({"input": "{level}pwr"}, "a unit after the pattern"),
         ({"input": "{level}{level}:%"}, r"expected \{level\} once"),
         ({"input": "{level}volt:V"}, "has none"),
         ({"input": "{level}:%"}, "several: 10, 50"),
@@ -215,6 +215,6 @@ def test_the_question_names_one_of_several_motors(tmp_path: Path) -> None:
 
     with pytest.raises(MissingInformation) as error:
         assign(load(path)[0])
-    assert "Of several motors, name one: `input=left`" in str(error.value)
-    assert "Of several motors, name one: `output=left`" in str(error.value)
+    assert "If there are several motors, choose one: `input=left`" in str(error.value)
+    assert "If there are several motors, choose one: `output=left`" in str(error.value)
     assert assign(load(path)[0], input="left", output="left").output == "left_y"

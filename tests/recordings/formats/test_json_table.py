@@ -61,9 +61,9 @@ def test_a_column_of_words_is_left_out_and_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "why"),
     [
-        ({"a": OBJECTS * 4, "b": OBJECTS * 4}, "no table: it has `a`, `b`. Expected a list of objects"),
-        ({"t": [1, 2, 3], "u": [1, 2]}, "no table: it has `t`, `u`"),
-        ({"parameters": OBJECTS}, "no table: it has `parameters`"),
+        ({"a": OBJECTS * 4, "b": OBJECTS * 4}, "not a table: it has `a`, `b`. Expected a list of objects"),
+        ({"t": [1, 2, 3], "u": [1, 2]}, "not a table: it has `t`, `u`"),
+        ({"parameters": OBJECTS}, "not a table: it has `parameters`"),
         ([], "an empty list"),
         ([1, OBJECTS[0]], r"a list of 2 \(an object, int\)"),
         ("run", "a single str"),

@@ -49,12 +49,12 @@ def test_a_name_that_also_speaks_of_volts_tells_no_duty(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "largest", "suggestion"),
     [
-        ("pwm", 200.0, "such as pwm:PWM/255 (raw counts, if 255 is 100 %); its supply"),
-        ("pwm", 80.0, "such as pwm:PWM/255 (raw counts, if 255 is 100 %) or pwm:%; its supply"),
+        ("pwm", 200.0, "such as pwm:PWM/255 (raw counts, if 255 is 100 %); give its supply"),
+        ("pwm", 80.0, "such as pwm:PWM/255 (raw counts, if 255 is 100 %) or pwm:%; give its supply"),
         ("pwm", 1000.0, "such as pwm:PWM/1023 (raw counts"),
         ("present_pwm", 600.0, "such as present_pwm:PWM/885 (raw counts"),
-        ("duty", 0.8, "such as duty:1 (a fraction) or duty:%; its supply"),
-        ("duty", 80.5, "such as duty:%; its supply"),
+        ("duty", 0.8, "such as duty:1 (a fraction) or duty:%; give its supply"),
+        ("duty", 80.5, "such as duty:%; give its supply"),
         ("command", 4000.0, "such as command:PWM/4095 (raw counts"),
         ("command", 7.5, "such as command:V"),
     ],
@@ -156,7 +156,7 @@ def test_servo_pulses_as_the_input_are_to_be_converted() -> None:
 
 
 def test_any_other_time_as_the_input_is_asked_what_a_whole_period_is() -> None:
-    with pytest.raises(UsageError, match=r"not a time\. If it is how long a pulse lasts, say what 100 % is"):
+    with pytest.raises(UsageError, match=r"not a time\. If it is a pulse width, say what 100 % is"):
         assign(table("on_us", 30.0, unit="us"), input="on_us", output="speed:rpm")
 
 

@@ -124,7 +124,7 @@ def test_json_of_another_program_is_an_error_that_says_which_json_is_read(tmp_pa
     file.write_text('{"mass": 0.5, "colour": "red"}')
 
     with pytest.raises(
-        FormatError, match=r"no table: it has `mass`, `colour`. .* a file of SysId or a servo bench"
+        FormatError, match=r"not a table: it has `mass`, `colour`. .* a file of SysId or a servo bench"
     ):
         load(file)
 
@@ -137,7 +137,7 @@ def test_the_ending_says_what_is_written(tmp_path: Path) -> None:
     assert len(load(tmp_path / "a.mcap")) == 2
     for ending in ("xls", "part"):  # a run writes .part while it goes on
         expected = (
-            rf"no file format that is written ends in '.{ending}'; known: arrow .*, csv .*, mcap \(.mcap\)"
+            rf"no format that can be written ends in '.{ending}'; known: arrow .*, csv .*, mcap \(.mcap\)"
         )
         with pytest.raises(UsageError, match=expected) as caught:
             save(small(), tmp_path / f"a.{ending}")

@@ -100,7 +100,7 @@ def test_names_with_blanks_are_quoted_as_they_have_to_be_typed() -> None:
 
 def test_of_two_candidates_none_is_taken() -> None:
     assert missing(made("u", "theta", "omega", theta="rad", omega="rad/s")) == (
-        "which column is the output, as `theta`, `omega` may be: say `output=theta` or `output=omega`",
+        "which column is the output (perhaps `theta`, `omega`): say `output=theta` or `output=omega`",
     )
 
 
@@ -223,14 +223,14 @@ def test_an_input_whose_sign_stands_in_another_column_is_asked_for_it(states: tu
 
 
 def test_a_sign_is_a_column_of_two_states() -> None:
-    with pytest.raises(UsageError, match="`b` is no sign of `u`"):
+    with pytest.raises(UsageError, match="`b` can't be the sign of `u`"):
         assign(made("u", "y", "b", y="rad"), input="u*b:V")
 
 
 def test_a_goal_is_reported_from_what_drives_the_motor() -> None:
     asked = missing(made("target_speed", "actual_speed", actual_speed="rpm"))
 
-    assert "`target_speed` is called after what a loop has to follow" in asked[0]
+    assert "`target_speed` is, by its name, what a loop follows" in asked[0]
 
 
 def test_what_was_commanded_and_what_was_applied_are_not_two_motors() -> None:
@@ -238,7 +238,7 @@ def test_what_was_commanded_and_what_was_applied_are_not_two_motors() -> None:
     sides = missing(made("left_voltage", "right_voltage", "y", left_voltage="V", right_voltage="V", y="rad"))
 
     assert "motors" not in asked[0]
-    assert "Of several motors, name one: `input=left`" in sides[0]
+    assert "If there are several motors, choose one: `input=left`" in sides[0]
 
 
 def test_columns_that_differ_by_a_number_are_called_by_their_whole_names() -> None:
@@ -314,8 +314,8 @@ def test_a_side_is_found_in_names_whose_words_only_capitals_part() -> None:
     asked = missing(recording)
 
     assert "`input=leftCommand:UNIT` or `input=rightCommand:UNIT`" in asked[0]
-    assert "Of several motors, name one: `input=left:UNIT`" in asked[0]
-    assert "Of several motors, name one: `output=left:UNIT`" in asked[1]
+    assert "If there are several motors, choose one: `input=left:UNIT`" in asked[0]
+    assert "If there are several motors, choose one: `output=left:UNIT`" in asked[1]
     assigned = assign(recording, input="left:%", output="left:rpm")
     assert (assigned.input, assigned.output) == ("leftCommand", "leftSpeed")
 
@@ -460,7 +460,7 @@ def test_the_first_of_doubled_times_stays() -> None:
     ids=["two runs", "a long and a short run", "a short and a long run", "a counter"],
 )
 def test_several_runs_in_one_file_are_an_error(t: np.ndarray) -> None:
-    with pytest.raises(FormatError, match=r"the time goes back .*\. Cut several runs"):
+    with pytest.raises(FormatError, match=r"the time goes back .*\. Put each run"):
         with_times(t)
 
 

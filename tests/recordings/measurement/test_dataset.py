@@ -53,7 +53,7 @@ def test_a_part_knows_the_input_that_held_before_it() -> None:
 
 
 def test_a_part_of_less_than_two_samples_is_refused() -> None:
-    with pytest.raises(UsageError, match="less than two samples"):
+    with pytest.raises(UsageError, match="fewer than two samples"):
         dataset().part(5.0, 6.0)
 
 

@@ -51,3 +51,19 @@ def test_random_values_are_never_taken_for_a_grid() -> None:
     found = [grid_step(np.random.default_rng(seed).normal(size=30)) for seed in range(300)]
 
     assert found == [None] * 300
+
+
+def test_the_step_is_found_where_most_values_occur_once_and_no_two_are_further_apart() -> None:
+    """A wheel that sets off behind a coarse encoder, printed with four digits: each count is passed, at first slowly."""
+    t = 0.00625 * np.arange(250)
+    angle = 8.0 * (t + 0.23 * np.expm1(-t / 0.23))
+    y = np.round(0.0548 * np.floor(angle / 0.0548), 4)
+
+    assert np.unique(np.diff(np.unique(y))).max() < 1.5 * 0.0548  # no two are further apart
+    assert len(np.unique(y)) > 0.5 * len(y)  # most occur once
+    assert grid_step(y) == pytest.approx(0.0548, rel=1e-3)
+
+
+@pytest.mark.parametrize("held", [2, 3, 2.5])
+def test_a_steady_ramp_that_is_held_over_some_rows_is_no_grid(held: float) -> None:
+    assert grid_step(np.floor(np.arange(40) / held)[: int(2 * held) + 4] * 0.1) is None

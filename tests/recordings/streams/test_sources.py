@@ -174,12 +174,12 @@ def test_after_a_pause_of_the_network_positions_wait_for_voltages_however_far_th
 @pytest.mark.parametrize(
     ("source", "expected"),
     [
-        ("nowhere.csv", "no source of rows"),
+        ("nowhere.csv", "isn't a source of rows"),
         ("udp:many", "isn't a port"),
         ("udp:70000", "isn't a port"),
         ("serial:", "isn't a port"),
         ("networktables:10.0.0.2/drive/position", "the position last"),
-        ("standard_input:x", "say - alone"),
+        ("standard_input:x", "write - alone"),
     ],
 )
 def test_a_source_that_cannot_be_is_refused(source: str, expected: str) -> None:
@@ -211,7 +211,7 @@ def test_a_port_that_another_program_has_is_said_to_be_so() -> None:
     board, port = os.openpty()
     with (
         SerialPort(os.ttyname(port)),
-        pytest.raises(UsageError, match=r"can't be opened \(another program has it\)"),
+        pytest.raises(UsageError, match=r"can't be opened \(another program is using it\)"),
         SerialPort(os.ttyname(port)),
     ):
         pass

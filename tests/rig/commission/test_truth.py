@@ -152,7 +152,7 @@ def test_a_shaft_that_only_slows_down_without_voltages_leaves_the_watchdog_unkno
     found = commissioned(WeakWatchdogTwin)
 
     assert found.outcome("watchdog").state == "unknown"
-    assert "can't be told from a load" in found.outcome("watchdog").found
+    assert "can't be distinguished from a load" in found.outcome("watchdog").found
 
 
 def test_a_counter_that_was_seen_to_wrap_one_way_only_is_unknown() -> None:

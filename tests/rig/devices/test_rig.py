@@ -348,7 +348,7 @@ def test_a_board_that_talks_of_other_things_is_given_up(monkeypatch: pytest.Monk
     talker = Talker()
     monkeypatch.setattr("servobench.rig.devices.rig.monotonic", lambda: talker.now)
     rig = Rig(RigSettings(port="/dev/ttyUSB0"), open_port=lambda name, baud: talker)
-    with pytest.raises(DeviceError, match=r"nobody at .* though something is sent there; flash"):
+    with pytest.raises(DeviceError, match=r"no board at .* though something is sent there; flash"):
         rig.__enter__()
     assert talker.now <= GREETING_TIME + 0.1
 

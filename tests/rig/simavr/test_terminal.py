@@ -118,7 +118,7 @@ def test_two_programs_can_not_have_the_same_port() -> None:
     with (
         terminal() as rig,
         Rig(RigSettings(port=rig.port)),
-        pytest.raises(DeviceError, match=r"can't be opened \(another program has it\)"),
+        pytest.raises(DeviceError, match=r"can't be opened \(another program is using it\)"),
     ):
         Rig(RigSettings(port=rig.port)).__enter__()
 

@@ -389,7 +389,7 @@ def test_margins_without_intervals_are_the_same() -> None:
 
 def test_a_response_is_reported_only_where_it_is_worked_out_as_far_as_its_overshoot() -> None:
     """At a tick of 5 µs the first 20 000 end before the loop has risen: it was told to have no overshoot."""
-    with pytest.raises(UsageError, match="takes more than 20000 ticks of that; expected") as refused:
+    with pytest.raises(UsageError, match="takes more than 20000 such ticks; expected") as refused:
         tuned(damping=0.5, bandwidth=20.0, sample_time=5e-6)
 
     enough = float(re.search(r"expected ([\d.e-]+) s at least", str(refused.value))[1])  # type: ignore[index]
@@ -429,7 +429,7 @@ def test_ticks_far_too_short_are_refused_before_anything_is_placed(
 
     monkeypatch.setattr(f"servobench.systems.tuning.{method}.place_poles", fail)
 
-    with pytest.raises(UsageError, match="takes more than 20000 ticks of that; expected") as refused:
+    with pytest.raises(UsageError, match="takes more than 20000 such ticks; expected") as refused:
         tuned(method, **asked, sample_time=sample_time)
 
     monkeypatch.undo()
@@ -438,9 +438,7 @@ def test_ticks_far_too_short_are_refused_before_anything_is_placed(
 
 
 def test_ticks_of_which_the_delay_takes_thousands_are_refused() -> None:
-    with pytest.raises(
-        UsageError, match=r"the motor's delay of .* takes more than 500 ticks of that; expected"
-    ):
+    with pytest.raises(UsageError, match=r"the motor's delay of .* takes more than 500 such ticks; expected"):
         tuned(poles=(-20000 + 0j, -2 + 0j), sample_time=DELAY / 20_000)
 
 

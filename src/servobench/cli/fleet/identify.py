@@ -36,20 +36,19 @@ def identify(
     out: Annotated[
         Path,
         typer.Option(
-            metavar="RESULTS", help="The folder for the results: new, or that of the same command before."
+            metavar="RESULTS",
+            help="The folder for the results: new, or the one from an earlier run of this command.",
         ),
     ],
     pattern: NamePatternText = None,
     limits: LimitsFile = None,
-    retry: Annotated[
-        bool, typer.Option("--retry", help="Try again the files that have no result so far.")
-    ] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Try the files without a result again.")] = False,
     workers: Workers = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Use the workers of a Dask cluster, such as tcp://stand:8786; they have to see SOURCE.",
+            help="Use the workers of a Dask cluster, such as tcp://stand:8786; they must be able to read SOURCE.",
         ),
     ] = None,
     reading: Reading = AS_IT_IS,
@@ -62,9 +61,9 @@ def identify(
 ) -> None:
     """Identify every recording under SOURCE, a folder or an address such as s3://bucket/line-3, each by itself.
 
-    RESULTS gets a table with a row for each file (motors.parquet, motors.csv) and a report. A file that can't be used is a row
-    with its reason. After Ctrl-C, or a machine that stopped, the same command continues from there; files that are new or have
-    changed are identified, the others are left as they are.
+    RESULTS gets a table with a row for each file (motors.parquet, motors.csv) and a report. A file that can't be used gets a
+    row with the reason. After Ctrl-C, or if the computer stopped, the same command continues from there; files that are new or
+    have changed are identified, the others are kept as they are.
 
     With --limits the exit status is 0 if all motors pass, 6 if one fails, 7 if none fails but some are undecided.
     """

@@ -55,7 +55,7 @@ def show_fleet(console: Console, fleet: Fleet, summary: Summary, out: Path) -> N
     if summary.others:
         few = ", ".join(summary.others[:3])
         more = f" and {len(summary.others) - 3} more" if len(summary.others) > 3 else ""
-        say(console, f"left out, as they aren't called like recordings: {few}{more}")
+        say(console, f"left out, as their names aren't those of recordings: {few}{more}")
     for parameter in fleet.parameters:
         say(console, parameter_text(fleet, parameter))
     failed = [

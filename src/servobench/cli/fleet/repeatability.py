@@ -28,7 +28,7 @@ def repeatability(
     operator: Annotated[
         str | None,
         typer.Option(
-            metavar="COLUMN", help="The column of the operator or the stand; without it there is one."
+            metavar="COLUMN", help="The column of the operator or the stand; without it, there is only one."
         ),
     ] = None,
     trial: Annotated[
@@ -40,16 +40,17 @@ def repeatability(
     parameter: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="The parameter; gain and time_constant without it; may be repeated."
+            metavar="NAME", help="The parameter, by default gain and time_constant; may be repeated."
         ),
     ] = None,
     limits: LimitsFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say how much of the scatter in RESULTS of `servobench fleet` the test stand makes, and how much the motors: gauge R&R.
+    """Split the scatter in RESULTS of `servobench fleet` into that of the test stand and that of the motors: gauge R&R.
 
-    Every motor has been recorded several times, by each operator or on each stand equally often; columns that say which come from
-    --pattern '{serial}_{operator}_{trial}.csv'. With two --limits of a parameter the shares are also of its tolerance.
+    Each motor must have been recorded several times, equally often by each operator or on each stand; the columns that say which
+    come from --pattern '{serial}_{operator}_{trial}.csv'. If --limits has both limits of a parameter, the shares of its tolerance
+    are given, too.
     """
     from servobench.cli.terminal import messages, output, print_json
     from servobench.core.errors import UnknownName, UsageError
@@ -120,5 +121,5 @@ def _show(console: Console, parameter: Parameter, study: GaugeStudy) -> None:
             f"{plain(each.of_study, 3)} % of the study variation{tolerance}",
         )
     pooled = "; the interaction is counted as repeatability, as its p value is above 0.25" * study.pooled
-    enough = "enough" if study.categories >= 5 else "too few: 5 are wanted"
+    enough = "enough" if study.categories >= 5 else "too few: 5 are needed"
     say(console, f"  distinct categories: {study.categories}, {enough}{pooled}\n")

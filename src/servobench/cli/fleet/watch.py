@@ -41,7 +41,8 @@ def watch(
     out: Annotated[
         Path,
         typer.Option(
-            metavar="RESULTS", help="The folder for the results: new, or that of the same command before."
+            metavar="RESULTS",
+            help="The folder for the results: new, or the one from an earlier run of this command.",
         ),
     ],
     pattern: NamePatternText = None,
@@ -56,8 +57,8 @@ def watch(
 ) -> None:
     """Identify recordings as they come into FOLDER, and print a line for each: the verdict or, with --limits, the decision.
 
-    A file is taken once it has stayed the same for half a second. RESULTS is that of `servobench fleet FOLDER` with the same
-    options. Ctrl-C ends it, and writes table and report.
+    A file is read once it has stayed the same for half a second. RESULTS is the same as from `servobench fleet FOLDER` with the
+    same options. Ctrl-C ends the watch, and writes table and report.
     """
     from servobench.cli.fleet.identify import settings_from
     from servobench.cli.fleet.outcome import conclude_fleet, status_of_fleet

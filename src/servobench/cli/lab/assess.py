@@ -30,7 +30,7 @@ def assess(
         Path,
         typer.Option(
             metavar="FILE",
-            help="The secret that the students' motors are drawn from; made where there is none, and yours alone.",
+            help="The secret that the students' motors are drawn from; created if missing. Keep it to yourself.",
         ),
     ],
     folder: Folder = None,
@@ -39,7 +39,7 @@ def assess(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="The folder to write to; without it one called after the exercise and the time.",
+            help="The folder to write to; by default a new one named after the exercise and the time.",
         ),
     ] = None,
     as_json: AsJson = False,

@@ -32,11 +32,11 @@ def do(
         typer.Option(
             "--recorded",
             metavar="FILE",
-            help="A recording of the exercise's experiment that servobench made, in place of a run.",
+            help="A recording of the exercise's experiment that servobench made, instead of a new run.",
         ),
     ] = None,
     page: Annotated[
-        Path | None, typer.Option(metavar="PAGE.html", help="Where to write it as a page, too.")
+        Path | None, typer.Option(metavar="PAGE.html", help="Also write it as a page (HTML).")
     ] = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
@@ -58,7 +58,7 @@ def do(
 
     if recording is not None and device is not None:
         raise UsageError(
-            "--recorded and --device don't go together, as a recording of servobench's own says what device it is of; leave "
+            "--recorded and --device don't go together, as a recording by servobench names its device; leave "
             "--device out"
         )
     check_free(page, "--page", [recording], overwrite)
@@ -92,7 +92,7 @@ def _answers(texts: Sequence[str]) -> dict[str, str]:
     for blank, value in map(_answer, texts):
         if blank in answers_by_blank:
             raise UsageError(
-                f"--answer has two for {blank!r}, {answers_by_blank[blank]!r} and {value!r}; leave one of them out"
+                f"--answer gives two values for {blank!r}, {answers_by_blank[blank]!r} and {value!r}; leave one of them out"
             )
         answers_by_blank[blank] = value
     return answers_by_blank

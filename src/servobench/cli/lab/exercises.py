@@ -16,7 +16,7 @@ def exercise_folder(folder: Path | None) -> Path:
     from servobench.lab.exercise_file import FOLDER
 
     if folder is not None and not folder.is_dir():
-        raise UsageError(f"--folder {folder}: is no folder; expected one with exercises, NAME.md")
+        raise UsageError(f"--folder {folder} isn't a folder; expected one with exercises, NAME.md")
     return folder or FOLDER
 
 
@@ -61,7 +61,7 @@ def motor_stand(exercise: Exercise, device: str | None) -> MotorStand:
                 f"{exercise.source}: the table [device]: {error}; mend it, or give --device"
             ) from None
     where = (
-        'in an exercise of your own, with name = "{}" in [device] and the settings in [device.settings]; for a '
-        "recording that there is take `servobench lab do` with --recorded FILE, in place of --device"
+        'in an exercise of your own, with name = "{}" in [device] and the settings in [device.settings]; for an '
+        "existing recording, use `servobench lab do` with --recorded FILE instead of --device"
     )
     return stand_with(exercise, device_choice(device, own, where))

@@ -24,7 +24,7 @@ class _Group(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if not (ctx.resilient_parsing or (args and args[0] in (*self.commands, *_HELP))):
             raise UsageError(
-                f"`servobench lab` is followed by {', '.join(self.commands)}; what it did with these words is now "
+                f"`servobench lab` is followed by {', '.join(self.commands)}; what you typed is now written "
                 f"`servobench lab {_new_form(args)}`"
             )
         return super().parse_args(ctx, args)

@@ -27,7 +27,7 @@ def mark(
         Path, typer.Option(metavar="FILE", help="The secret that the students' motors were drawn from.")
     ],
     forms: Annotated[
-        Path, typer.Option(metavar="DIR", help="The folder with the forms that came back, and folders in it.")
+        Path, typer.Option(metavar="DIR", help="The folder with the returned forms, and folders in it.")
     ],
     marks: Annotated[Path, typer.Option(metavar="MARKS.csv", help="Where to write the marks.")],
     folder: Folder = None,
@@ -72,15 +72,15 @@ def _check_places(marks: Path, forms: Path, roster: Path) -> None:
     from servobench.core.errors import UsageError
 
     if not forms.is_dir():
-        raise UsageError(f"--forms {forms}: is no folder; expected the one with the forms")
+        raise UsageError(f"--forms {forms} isn't a folder; expected the one with the forms")
     if marks.suffix.lower() != ".csv":
         raise UsageError(f"--marks {marks}: expected the name of a table, such as marks.csv")
     if forms.resolve() in marks.resolve().parents:
         raise UsageError(
-            f"--marks {marks}: lies among the forms in {forms}; put it elsewhere, the students' folder is no place for marks"
+            f"--marks {marks} is among the forms in {forms}; the students' folder is no place for marks, so put it elsewhere"
         )
     if marks.resolve() == roster.resolve():
-        raise UsageError(f"--marks {marks}: is the roster; give another name")
+        raise UsageError(f"--marks {marks} is the roster; give another name")
 
 
 def _show_marks(console: Console, class_marks: Marks, stray: Sequence[str], marks: Path) -> None:

@@ -14,23 +14,23 @@ Folder = Annotated[
     typer.Option(
         "--folder",
         metavar="DIR",
-        help="A folder with exercises of your own, in place of those that come along.",
+        help="A folder with exercises of your own, instead of the built-in ones.",
     ),
 ]
 Studies = Annotated[
     bool,
     typer.Option(
         "--studies",
-        help="Show what comes out and where the paper errs, which gives most answers away; a page has it open then.",
+        help="Show the results and the paper's errors, which gives most answers away; a page shows them unfolded.",
     ),
 ]
 Solution = Annotated[
-    bool, typer.Option("--solution", help="Show the right answers beside the blanks, and what comes out.")
+    bool, typer.Option("--solution", help="Show the right answers beside the blanks, and the results.")
 ]
 WithMotor = Annotated[
     bool,
     typer.Option(
         "--with-motor",
-        help="The students have their motors in panels as well: ask what takes further runs, too.",
+        help="The students also have their motors in panels: include questions that need further runs.",
     ),
 ]

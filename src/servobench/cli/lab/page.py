@@ -23,13 +23,15 @@ def page(
     device: DeviceName = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="The folder to write to; without it one called after the time."),
+        typer.Option(
+            metavar="DIR", help="The folder to write to; by default a new one named after the time."
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write exercises as pages into a folder: those that are named, or all.
+    """Write exercises as pages into a folder: those named, or all.
 
-    The pages lead to each other; `index.html` is the way in.
+    The pages link to each other; start at `index.html`.
     """
     from servobench.cli.failures import PartialStop
     from servobench.cli.lab.exercises import exercise_by_name, exercise_folder, motor_stand
@@ -76,5 +78,5 @@ def _partial_text(interrupt: InPart) -> str:
         return f"interrupted before the first of {interrupt.of} exercises was done; there is no page in {interrupt.folder}"
     return (
         f"interrupted: {interrupt.done} of {interrupt.of} exercises are in {interrupt.folder}, and its {INDEX} lists the missing "
-        "ones; for all of them run it again with another --out, or delete that folder first"
+        "ones; to get all of them, run it again with another --out, or delete that folder first"
     )

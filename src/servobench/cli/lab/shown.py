@@ -148,7 +148,9 @@ def _show_blanks(console: Console, worked: WorkedExercise, *, solution: bool) ->
             answer_text = (answer.text or "not known").replace("−", "-")
         rows.append((blank.id, answer_text, line_text(blank.label)))
     show_table(console, headings, rows)
-    why_not = [f"{name} isn't known: {answer.why_not}" for name, answer in answers.items() if not answer.text]
+    why_not = [
+        f"{name} can't be determined: {answer.why_not}" for name, answer in answers.items() if not answer.text
+    ]
     for sentence in (*why_not, *(worked.unnoticed_mistakes if solution else ())):
         show_wrapped(console, Text("  ! ", style="bold yellow"), line_text(sentence), hanging=4)
     if not solution and not worked.given:

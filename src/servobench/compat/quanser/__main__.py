@@ -90,7 +90,7 @@ def _seconds(text: str) -> float:
     """A time from the command line [s]."""
     seconds = float(text)
     if not seconds >= 0.0:
-        raise argparse.ArgumentTypeError(f"{text} is no time; give seconds, 0 or more")
+        raise argparse.ArgumentTypeError(f"{text} isn't a time; give seconds, 0 or more")
     return seconds
 
 
@@ -112,8 +112,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--hand",
         choices=("lifts", "holds", "none"),
-        help="the hand that lifts the pendulum after 2 s where the program waits for that (the default), holds it upright from "
-        "the start, or isn't there; it lets go where the motor takes over",
+        help="the hand lifts the pendulum after 2 s if the program waits for that (the default), holds it upright from "
+        "the start, or there is none; it lets go when the motor takes over",
     )
     parser.add_argument(
         "--unplug", metavar="SECONDS", type=_seconds, default=math.inf, help="unplug the board at that time"

@@ -47,7 +47,7 @@ class Ending:
             return f"{at_rest}{', after it was unplugged' if self.unplugged else ''}."
         left = f"{self.voltage:g} V, amplifier {'on' if self.enabled else 'off'}"
         never = "" if self.closed else ", and never closed the board"
-        danger = ": a real motor might turn on" if self.enabled and self.voltage else ""
+        danger = ": a real motor might keep turning" if self.enabled and self.voltage else ""
         return f"{at_rest}, by the stand-in. The program itself left {left}{never}{danger}."
 
 

@@ -96,7 +96,7 @@ SENTENCES = {
 def sentence(code: int) -> str:
     """Return what an error of that number, with or without its sign, means."""
     if abs(code) not in [known.value for known in Code]:
-        return f"An error of the number {abs(code)}, which the stand-in doesn't know."
+        return f"Error number {abs(code)}, which the stand-in doesn't know."
     member = Code(abs(code))
     if member in SENTENCES:
         return SENTENCES[member]

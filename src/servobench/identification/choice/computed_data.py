@@ -41,7 +41,7 @@ def fit_to_computed(method: Estimator, data: Sequence[Dataset], fit: Fit) -> Fit
         "delay": linear.model["time_constant"],
     }
     spread = np.array([_ROUNDING * sizes.get(name, abs(linear.model[name])) for name in linear.model.names])
-    reason = "the arithmetic that computed the output keeps so many digits"
+    reason = "the arithmetic that computed the output keeps only so many digits"
     return linear.widen(Contribution(source="arithmetic", covariance=np.diag(spread**2), reason=reason))
 
 
@@ -50,7 +50,7 @@ def about_computed() -> Finding:
     return info(
         "output-computed",
         "The model explains the output to the last digit that a computer keeps, so these values were computed, not measured. The "
-        "intervals are those of the arithmetic, and allow for nothing that a real motor does.",
+        "intervals cover rounding in the arithmetic only, not what a real motor does.",
     )
 
 

@@ -172,8 +172,8 @@ def _where_rounding_repeats(fit: Fit) -> Fit | None:
         source="another estimator",
         covariance=np.outer(apart, apart),
         reason=(
-            "output_error, which uses the middle of each count, gives another value; only a few distinct "
-            "roundings decide"
+            "output_error, which uses the middle of each count, gives a different value, as only a few "
+            "distinct roundings determine it"
         ),
     )
     findings = (*counted.findings, info("rounding-repeats", sentence))

@@ -144,16 +144,15 @@ def _finding(whole: Fit, apart: Sequence[str], selections: Sequence[_Without]) -
     best = max(selections, key=lambda each: each.fit.fit_percent)
     if whole.fit_percent < _TOGETHER and best.fit.fit_percent > _APART_ONLY:
         sentence = (
-            f"The records disagree: together the model explains {whole.fit_percent:.0f} % of the output, but {best.which} "
+            f"The records disagree: fitted to all, the model explains {whole.fit_percent:.0f} % of the output, but {best.which} "
             f"{best.fit.fit_percent:.0f} %; {values}. The motor, its load, its supply or the zero of its input changed between "
             "them. Fit them one by one."
         )
         return warning("records-disagree", sentence, parameters=tuple(apart))
     sentence = (
         f"The records don't agree: {values}. The intervals are widened "
-        "to cover each choice of records. The motor changed between them, or doesn't follow this model over all "
-        "their levels, speeds and directions, so other records give other values. Fit those in which the motor does "
-        "what you need it for."
+        "to cover each choice of records. The motor changed between them, or it doesn't follow this model over all "
+        "their levels, speeds and directions. Fit only the records in which the motor moves as it will in use."
     )
     return info("records-apart", sentence, parameters=tuple(apart))
 

@@ -168,7 +168,7 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
         return _Base(fit=with_friction, findings=(finding,), fits=fits)
     if shifts_parameters(with_friction, frictionless):
         return _Base(fit=with_friction, findings=(_friction_possible(gains),), fits=fits)
-    sentence = "The data show no Coulomb friction: the model without it explains them as well."
+    sentence = "The data show no Coulomb friction: the model without it explains them equally well."
     return _Base(fit=frictionless, findings=(info("friction-not-found", sentence),), fits=fits)
 
 
@@ -189,8 +189,8 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     samples = sum(int(record.valid.sum()) for record in fit.records)
     if deviance(fit) - deviance(with_friction) > np.log(samples):
         sentence = (
-            "Coulomb friction is needed: beside the random torque it explains more than chance would, and without it the gain "
-            f"would be {gains}."
+            "Coulomb friction is needed: even beside a random torque it explains more than chance would, and without friction "
+            f"the gain would be {gains}."
         )
         finding = info("friction-found", sentence, parameters=("coulomb_voltage",))
     elif shifts_parameters(with_friction, fit):

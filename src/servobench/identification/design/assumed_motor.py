@@ -153,7 +153,9 @@ def from_result(result: Result, name: str) -> AssumedMotor:
         reason = next(f" {each.sentence}" for each in result.findings if each.severity is Severity.REFUSAL)
         raise NotIdentifiable(f"{_no_motor(name)}{reason}")
     if fit is None:
-        raise NotIdentifiable(f"{name}: has no model to design for; record it again, or give a data sheet")
+        raise NotIdentifiable(
+            f"{name} has no model to design for; record the motor again, or give a data sheet"
+        )
     record = data[0]
     if (
         not {"gain", "time_constant"} <= set(fit.model.names)
@@ -177,12 +179,12 @@ def from_result(result: Result, name: str) -> AssumedMotor:
 def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: float) -> AssumedMotor:
     """Return the motor of a result's JSON; the counts of a turn aren't in it. Raises `FormatError`, `NotIdentifiable`."""
     if content.get("schema") not in SCHEMAS:
-        raise FormatError(f"{name}: isn't a result of servobench; expected the schema {SCHEMAS[-1]}")
+        raise FormatError(f"{name} isn't a result of servobench; expected the schema {SCHEMAS[-1]}")
     if content.get("verdict") == Verdict.REFUSED:
         raise NotIdentifiable(_no_motor(name))
     parameters = content.get("parameters") or {}
     if not {"gain", "time_constant"} <= set(parameters):
-        raise NotIdentifiable(f"{name}: has no gain and time constant to design for; give a data sheet")
+        raise NotIdentifiable(f"{name} has no gain and time constant to design for; give a data sheet")
     if parameters["gain"]["unit"] != "rad/(s·V)":
         raise NotIdentifiable(
             f"{name}: its gain is in {parameters['gain']['unit']}; a design needs rad/(s·V): give a data sheet"
@@ -244,7 +246,7 @@ def _from_result(
         delay=max(known.get("delay", 0.0), 0.0),
         disturbance=disturbance,
         assumptions=(
-            f"the motor is the one of {name}, within {100 * tolerance:.2g} %",
+            f"the motor is that of {name}, within {100 * tolerance:.2g} %",
             extra,
         ),
     )

@@ -53,12 +53,10 @@ def design(
     length, step = _in("duration", duration, "s"), _in("experiment_sample_time", experiment_sample_time, "s")
     if data is not None or "u" in options:
         if nominal is not None:
-            raise UsageError("both data and nominal say what is known of the motor; give one of them")
+            raise UsageError("data and nominal both describe the motor; give only one of them")
         return best_design(_motor_of(data, starts_at_rest, options), design_limits, length, step, wish)
     if options:
-        raise UsageError(
-            f"{', '.join(options)}: say how to read data, and there are none; give data, or leave them out"
-        )
+        raise UsageError(f"{', '.join(options)}: for use with data only; give data, or leave this out")
     return best_design(from_data_sheet(nominal or "qube_servo_2"), design_limits, length, step, wish)
 
 

@@ -191,7 +191,11 @@ def _root(equations: Equations, start: Array) -> tuple[Point, NDArray[np.bool_],
             if trial.merit < point.merit:
                 break
         point = trial
-    return point, _free(point, lower, upper), _minimum(point, False, f"did not settle within {_PASSES} steps")
+    return (
+        point,
+        _free(point, lower, upper),
+        _minimum(point, False, f"did not converge within {_PASSES} steps"),
+    )
 
 
 def _free(point: Point, lower: Array, upper: Array) -> NDArray[np.bool_]:

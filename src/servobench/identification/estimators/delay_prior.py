@@ -200,20 +200,19 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     Its interval is left to the table of parameters: what is allowed for later, such as a model's error, is part of it.
     """
     value = float(minimum.theta[prior.at])
-    taken = f"about {with_unit(value, 's', 2)}" if value > 0 else "none"
+    taken = f"about {with_unit(value, 's', 2)}" if value > 0 else "zero"
     usual = abs(value - prior.middle) <= prior.scale
     why = (
-        "as is usual with a computer that drives a motor"
+        "as is usual where a computer drives the motor"
         if usual
-        else "which fits best, though few have so long a delay"
+        else "which fits best, though so long a delay is rare"
         if value > 0
         else "which fits best"
     )
     return info(
         CODE,
-        f"These data can't separate the delay from friction and the time constant. It is taken as "
-        f"{taken}, {why}, and the other intervals allow for that; sample a step from rest faster to "
-        "measure it.",
+        f"These data can't separate the delay from friction and the time constant. The delay is assumed to be "
+        f"{taken}, {why}, and the other intervals allow for that; to measure it, sample a step from rest faster.",
         parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )
 

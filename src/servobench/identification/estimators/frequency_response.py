@@ -100,7 +100,7 @@ def _fit(structure: Structure, data: Sequence[Dataset], point_fit: PointFit) -> 
         estimator="frequency_response",
         structure=STRUCTURES.name_of(structure),
         converged=point_fit.converged,
-        status="converged" if point_fit.converged else "did not settle",
+        status="converged" if point_fit.converged else "did not converge",
         residual_sd=sd,
         records=tuple(replace(record, innovations=record.residual / (sd or 1.0)) for record in records),
         findings=(*remarks(data, point_fit.points), *_about(data, point_fit)),
@@ -147,7 +147,9 @@ def _about(data: Sequence[Dataset], point_fit: PointFit) -> list[Finding]:
     findings = []
     if not point_fit.converged:
         findings.append(
-            warning("search-not-settled", "The search for the parameters did not settle; they may be wrong.")
+            warning(
+                "search-not-settled", "The search for the parameters did not converge; they may be wrong."
+            )
         )
     if point_fit.misfit > 1 + _UNLIKELY * np.sqrt(2 / max(point_fit.freedom, 1)):
         findings.append(

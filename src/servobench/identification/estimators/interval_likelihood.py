@@ -243,12 +243,14 @@ def _about_noise(noise: NoiseProfile, data: Dataset) -> Finding:
     if noise.at_floor:
         return info(
             "noise-below-rounding",
-            f"Noise before the encoder's rounding, if there is any, is below {high:.2g} of a count. It is taken as "
+            f"Noise before the encoder's rounding, if there is any, is below {high:.2g} of a count. It is assumed to be "
             f"{s:.2g}, so the intervals are too wide rather than too narrow.",
         )
     sentence = f"The noise before the encoder's rounding is {s:.2g} of a count ({low:.2g} to {high:.2g})"
     if s >= _NO_GAIN:
-        sentence += ": with that much noise the bin adds nothing to its middle, and output_error does as well"
+        sentence += (
+            ": with that much noise the bin says no more than its middle, and output_error does as well"
+        )
     return info("noise-before-rounding", sentence + ".")
 
 
@@ -261,9 +263,10 @@ def _about_miscounts(records: Sequence[FittedRecord], s: float) -> list[Finding]
         worst, wrong = int(np.argmax(beyond)), int(np.count_nonzero(beyond > _MISCOUNT))
         if wrong:
             sentence = (
-                f"{record.data.name}: {'a sample is' if wrong == 1 else f'{wrong} samples are'} where no noise puts "
-                f"{'it' if wrong == 1 else 'them, the worst'}: {record.residual[worst] / quantum:+.3g} counts off at "
-                f"{record.data.t_output[worst]:.6g} s. It makes all other samples look noisier; leave it out."
+                f"{record.data.name}: {'a sample is' if wrong == 1 else f'{wrong} samples are'} too far off for noise"
+                f"{':' if wrong == 1 else ', the worst by'} {record.residual[worst] / quantum:+.3g} counts at "
+                f"{record.data.t_output[worst]:.6g} s. That makes all other samples look noisier; leave "
+                f"{'it' if wrong == 1 else 'them'} out."
             )
             findings.append(warning("counts-off", sentence))
     return findings

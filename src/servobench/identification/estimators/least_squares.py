@@ -294,7 +294,7 @@ def descent(
             damping = max(damping, least) * _after_a_rise(trial.cost, point.cost)
             # In a narrow valley that bends, the right damping is small, and found by now.
             least = 0.0
-    return _end_descent(point, None, False, f"did not settle within {steps} steps")
+    return _end_descent(point, None, False, f"did not converge within {steps} steps")
 
 
 def at(layout: Layout, theta: Array) -> Point:

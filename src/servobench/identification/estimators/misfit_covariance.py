@@ -61,7 +61,7 @@ def allow_for_misfit(fit: Fit) -> Fit:
     theta, covariance = _second(fit)
     difference = fit.model.theta - theta
     wide = conservative(fit.covariance, covariance + np.outer(difference, difference))
-    reason = "weighted for a random torque, the same data give other values"
+    reason = "weighted for a random torque, the same data give different values"
     line = Contribution(source=SOURCE, covariance=beyond(wide, fit.covariance), reason=reason)
     wider = fit.widen(line)
     return replace(
@@ -158,9 +158,9 @@ def _finding(fit: Fit, theta: Array) -> Finding:
     ]
     gain = parameter_in_words(first, fit.model.units[0])
     shift = (
-        f"If a random torque caused it, the {gain} and the time constant would be the same to four digits."
+        f"If that were a random torque, the {gain} and the time constant would be the same to four digits."
         if all(text.endswith(SAME) for text in texts)
-        else f"Fitted as if a random torque caused it, the same data give a {gain} of {texts[0]} and a time constant of "
+        else f"Fitted as if that were a random torque, the same data give a {gain} of {texts[0]} and a time constant of "
         f"{texts[1]}; the intervals allow for the difference."
     )
     return info(

@@ -427,7 +427,7 @@ def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> 
                 if value <= low
                 else "longest that the first motion allows"
             )
-            sentence = f"The delay ended at {milliseconds(float(value))} ms, the {end}."
+            sentence = f"The fit puts the delay at {milliseconds(float(value))} ms, the {end}."
             findings.append(info("parameter-at-bound", sentence, parameters=("delay",)))
             continue
         words = parameter_in_words(parameter.name, parameter.unit_in(data[0]))

@@ -135,7 +135,7 @@ def read_alike(
             return values, slope
     raise NotIdentifiable(
         f"no motor gives this reading behind the measurement chain: it is {wanted[1]:.3g} s, which the chain alone "
-        "may take. Record the position or a less filtered speed, or use output_error"
+        "may cause. Record the position or a less filtered speed, or use output_error"
     )
 
 

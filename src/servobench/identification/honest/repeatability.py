@@ -238,8 +238,8 @@ def _scatters(results: Sequence[Result]) -> tuple[Scatter, ...]:
     }
     if not known:
         raise NotIdentifiable(
-            "the runs don't determine any parameter, so there is nothing to compare: `servobench identify` says of each what "
-            "would tell it"
+            "the runs don't determine any parameter, so there is nothing to compare: `servobench identify` says what "
+            "to record"
         )
     return tuple(
         replace(
@@ -270,7 +270,7 @@ def _without_value(results: Sequence[Result]) -> list[Finding]:
     if not names:
         return []
     words = ", ".join(parameter_in_words(name, results[0][name].unit) for name in names)
-    sentence = f"Not compared, as not every run determines it by itself: {words}."
+    sentence = f"Not compared, as not every run determines these by itself: {words}."
     return [info("parameters-left-out", sentence, parameters=tuple(names))]
 
 
@@ -332,7 +332,7 @@ def _without_model(names: Sequence[str]) -> list[Finding]:
         warning(
             "runs-left-out",
             f"Left out, as they support no model: {', '.join(names)}. The other runs may be a lucky selection; "
-            "`servobench identify` on each of these says why.",
+            "use `servobench identify` to see why these were left out.",
         )
     ]
 
@@ -367,8 +367,8 @@ def _reasons(why: Sequence[Cause], follows: Sequence[Trend]) -> list[Finding]:
         findings.append(
             info(
                 "cause-unknown",
-                "No single cause explains the differences between the runs: several things changed, or something "
-                "the model leaves out. Repeat the experiment with nothing touched, then change one thing at a time.",
+                "No single cause explains the differences between the runs: several things changed, or one that "
+                "the model leaves out. Repeat the experiment without touching anything, then change one thing at a time.",
             )
         )
         return findings
@@ -380,6 +380,6 @@ def _reasons(why: Sequence[Cause], follows: Sequence[Trend]) -> list[Finding]:
             "would explain it."
         )
     if len(why) > 1:
-        sentence += f" These fit as well: {', '.join(cause.name for cause in why[1:])}."
+        sentence += f" These fit equally well: {', '.join(cause.name for cause in why[1:])}."
     findings.append(info("cause-of-scatter", sentence))
     return findings

@@ -66,8 +66,20 @@ def stands(data: Dataset) -> NDArray[np.bool_]:
     return np.asarray(speed <= _STILL * speed.max())
 
 
+def smoothed_over(data: Dataset) -> int:
+    """Return how many samples apart the two values are from which a smoothed speed is taken; 1 for a measured speed."""
+    return 1 if data.kind == "speed" else 2 * _span(data)
+
+
 def _apart(data: Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The samples (M,) after and before each one between which its smoothed speed is taken."""
+    span, last = _span(data), len(data.y) - 1
+    index = np.arange(last + 1)
+    return np.minimum(index + span, last), np.maximum(index - span, 0)
+
+
+def _span(data: Dataset) -> int:
+    """The samples to either side over which a position is differenced."""
     y = data.y
     span = 1
     limit = max(1, len(y) // 20)
@@ -78,8 +90,7 @@ def _apart(data: Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         if enough and np.count_nonzero(moved) > 0.5 * len(moved):
             break
         span = min(2 * span, limit)
-    index = np.arange(len(y))
-    return np.minimum(index + span, len(y) - 1), np.maximum(index - span, 0)
+    return span
 
 
 def check_moves(data: Dataset, parameters: int) -> None:
@@ -92,7 +103,7 @@ def check_moves(data: Dataset, parameters: int) -> None:
     if np.ptp(data.y) == 0:
         raise NotIdentifiable(
             f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the shaft was blocked, "
-            "the encoder isn't connected, or it's the wrong column; leave it out, or record the motor while it turns"
+            "the encoder isn't connected, or it's the wrong column; leave this record out, or record the motor while it turns"
         )
 
 

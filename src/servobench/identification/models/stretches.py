@@ -143,6 +143,6 @@ def _finding(data: Dataset, parts: Sequence[Dataset]) -> Finding:
     return warning(
         "rests-left-out",
         f"{data.name}: the shaft stands or creeps near its set point in {100 * (1 - share):.0f} % of the record. "
-        f"When it slips is random, and the controller responds to that, so only the {len(parts)} stretches in which "
+        f"It slips at random, and the controller responds to that, so only the {len(parts)} stretches in which "
         "the shaft moves were fitted. The intervals may be too narrow; record a run in open loop.",
     )

@@ -242,7 +242,7 @@ def _open(names: Sequence[str], fit: Fit) -> Finding:
         f"{_first_upper(_list_text(names))} can't be separated: a motor with twice the resistance and half the inertia "
         "and friction gives the same record. Measure the armature's current, record the stalled shaft with its "
         f"current, or state a value (`known=resistance=8.4`). The torque constant is at most 1/K = {k:.4g} V·s/rad, "
-        "as without viscous friction."
+        "its value without viscous friction."
     )
     return info("motor-parameters-not-told", sentence, parameters=tuple(names))
 
@@ -266,8 +266,8 @@ def _beyond_back_emf(solution: _Solution, fit: Fit, joint: Observation) -> list[
     if constant * gain <= 1:
         return []
     sentence = (
-        f"The torque constant is at least {constant:.4g} V·s/rad, and a motor with that can't turn faster than "
-        f"{1 / constant:.4g} rad/s for each volt, where this one reaches {gain:.4g}: friction would have to drive it. The "
+        f"The torque constant is at least {constant:.4g} V·s/rad, and with that a motor can't turn faster than "
+        f"{1 / constant:.4g} rad/s per volt, but this one reaches {gain:.4g}: friction would have to drive it. The "
         f"model and {joint.sentence} contradict each other; check the torque constant, and the units of input and output."
     )
     return [warning("motor-parameters-disagree", sentence, parameters=("motor_constant", "viscous_friction"))]

@@ -85,8 +85,8 @@ def doubts(line: CurrentLine | None) -> Finding | None:
     if line is None:
         return info(
             "current-unused",
-            "The measured current isn't used: the input changes again before the winding has settled, or there are too few "
-            "samples of it; hold each value of the input for some milliseconds, or fit a second-order structure.",
+            "The measured current isn't used: the input changes again before the winding has settled, or the current has too "
+            "few samples; hold each value of the input for some milliseconds, or fit a second-order structure.",
         )
     if line.explained < _EXPLAINED:
         return info(

@@ -51,7 +51,7 @@ def _hindrance(fit: Fit) -> Finding | None:
     if not {"gain", "time_constant"} <= set(fit.model.names):
         why = f"the structure {fit.structure} has no gain and time constant: fit a first- or second-order one"
     elif data.input_unit != "V" or data.position_unit != "rad":
-        why = f"they need data in V and rad, and these are in {data.input_unit} and {data.position_unit}"
+        why = f"they need data in V and rad, but these are in {data.input_unit} and {data.position_unit}"
     elif not fit.model["gain"] > 0:
         why = "the gain isn't positive: invert the sign of the input or of the output"
     elif _unknown(fit):

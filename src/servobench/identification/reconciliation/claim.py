@@ -73,7 +73,7 @@ class Claim:
                 f"{smallest:g} to {largest:g}{', ' if known == 'gain' else ' '}{either}"
             )
         if len(bounds) > 1 or not half > 0:
-            raise UsageError(f"claim {text!r}: expected one ± and a number above 0 behind it")
+            raise UsageError(f"claim {text!r}: expected one ± and a number above 0 after it")
         return cls(name=known, value=value, half_width=half, text=text.strip())
 
 
@@ -90,7 +90,7 @@ def _half_digit(written: str, value: float) -> float:
     """Half a unit of the last digit of a number as it was written, in the unit of its value."""
     match = _NUMBER.match(written)
     if match is None:
-        raise UnitError(f"{written!r} is no number with a unit")
+        raise UnitError(f"{written!r} isn't a number with a unit")
     decimals = len(match["digits"].partition(".")[2])
     number = float(match["digits"]) * 10.0 ** int(match["exponent"] or 0)
     last = 0.5 * 10.0 ** (int(match["exponent"] or 0) - decimals)

@@ -236,7 +236,7 @@ def _no_help(cause: Cause, question: Question, *, known: bool) -> str:
             else f"{cause.size_text(question, size)} is too little"
         )
     if isinstance(sizes, Sizes) and not sizes.is_range:
-        return "no possible size comes near"
+        return "no possible size comes close"
     wrong = float(cause.effect(question, low + 0.1 * (high - low)) @ toward) < 0
     return (
         "it acts in the opposite direction" if wrong and low > -1 else "no size of it explains the difference"

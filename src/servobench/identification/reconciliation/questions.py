@@ -179,7 +179,7 @@ def _check_units(fit: Fit) -> None:
     data = fit.records[0].data
     if data.input_unit != "V" or data.position_unit != "rad":
         raise UsageError(
-            f"a data sheet is in V and rad, the data are in {data.input_unit} and {data.position_unit}: leave it out"
+            f"a data sheet is in V and rad, but the data are in {data.input_unit} and {data.position_unit}: leave it out"
         )
 
 

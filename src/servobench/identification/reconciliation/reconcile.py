@@ -98,8 +98,8 @@ def _about_signs(claims: Sequence[Claim], fit: Fit) -> tuple[str, ...]:
     if not any(claim.name == "gain" and claim.value * fit["gain"].value < 0 for claim in claims):
         return ()
     return (
-        "The claimed gain has the other sign: the motor's leads or the encoder's channels are exchanged, or one of the two "
-        "counts the other way. Apart from the sign:",
+        "The claimed gain has the opposite sign: the motor's leads or the encoder's channels are swapped, or the two figures "
+        "count opposite directions as positive. Apart from the sign:",
     )
 
 
@@ -147,10 +147,10 @@ def _one_alone(name: str, estimate: Estimate, nominal: float) -> Finding:
     )
     if low <= nominal <= high:
         return info("nominal-agrees", f"{sentence}, within the interval.", parameters=(name,))
-    times = f"{plain(ratio, 2)} times as much" if ratio > 0 else "of the other sign"
+    times = f"{plain(ratio, 2)} times as much" if ratio > 0 else "the opposite sign"
     return info(
         "nominal-differs",
-        f"{sentence}, the data {times}. Why can't be said from one of gain and time constant alone.",
+        f"{sentence}, so the data give {times}. To find the cause, the data have to determine both gain and time constant.",
         parameters=(name,),
     )
 
@@ -263,7 +263,7 @@ def _decisive(causes: Sequence[JudgedCause], hypotheses: Sequence[Hypothesis]) -
     """The experiment that tells the first cause from the one that is likeliest without it."""
     first = causes[0]
     if not first.possible:
-        return "None of these causes remains: check how both figures were found."
+        return "No cause remains: check how both figures were found."
     instead = participation(tuple(each for each in hypotheses if first.name not in each.causes))
     rivals = [each for each in causes[1:] if each.possible and instead.get(each.name, 0.0) >= TOLD]
     if not rivals:

@@ -159,7 +159,7 @@ def _alike(first: JudgedCause, alike: Sequence[str]) -> list[str]:
         return []
     others = list_text([CAUSES[name].label for name in alike], "or")
     return [
-        f"These figures can't tell {first.label} from {others}: what it explains, the other explains about as well."
+        f"These figures can't distinguish {first.label} from {others}: each explains the difference about equally well."
     ]
 
 
@@ -191,7 +191,7 @@ def _shares(shares: Sequence[Share]) -> str:
             low, high = (100 * end for end in share.interval)
             part += f" ({low:.0f} to {high:.0f} %)"
         lines.append(f"{part} of the difference in the {parameter_in_words(share.name)}")
-    return " and ".join(lines) or "no part that can be told"
+    return " and ".join(lines) or "no clear part of the difference"
 
 
 def share_text(share: Share) -> str:

@@ -46,7 +46,7 @@ def _stribeck_sized(shown: TermScore) -> str:
 
 def _drag_sized(shown: TermScore) -> str:
     return _of_input(
-        shown, (f"{'more' if shown.amount[0] > 0 else 'less'} at the largest speed than in proportion")
+        shown, (f"{'more' if shown.amount[0] > 0 else 'less'} at the largest speed than proportional drag")
     )
 
 
@@ -69,7 +69,7 @@ def _directions_within(shown: TermScore) -> bool:
 
 
 def _ripple_sized(shown: TermScore) -> str:
-    return _of_input(shown, "to and fro")
+    return _of_input(shown, "in either direction")
 
 
 def _backlash_sized(shown: TermScore) -> str:
@@ -89,7 +89,7 @@ def _ripple(cycles: int) -> Term:
     return Term(
         code="ripple",
         name="ripple",
-        sentence=f"Something repeats {cycles} times a revolution (cogging, a commutator, an "
+        sentence=f"Something repeats {cycles}× per revolution (cogging, a commutator, an "
         "eccentric encoder), which the model leaves out; where the motor lingers at one "
         "angle it shifts gain and time constant.",
         to_input=lambda m: m.wave(cycles),
@@ -283,11 +283,11 @@ def _finding(code: str, shown: TermScore, alike: Sequence[str]) -> Finding:
     """
     sentence = _sentence(shown)
     if alike:
-        sentence += f" Much the same would show with {' or '.join(dict.fromkeys(alike))}."
+        sentence += f" It may also be {' or '.join(dict.fromkeys(alike))}."
     concerned = ("gain", "time_constant")
     data = [record.data for record in shown.fit.records]
     if any(each.kind == "speed" and not each.chain and not each.chain_known for each in data):
-        hedged = f"{sentence} All of that may come from a filter: say first how the speed was measured."
+        hedged = f"{sentence} A filter may cause all of this: first say how the speed was measured."
         return info(code, hedged, parameters=concerned)
     if not {"gain", "time_constant"} <= set(shown.fit.model.names):
         return warning(code, sentence, parameters=concerned)
@@ -318,8 +318,8 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
     if data.kind == "position" and not structure.integrator and last in unsure:
         sentence = (
             f"The output is a position, and the structure's lowest coefficient {last} comes out "
-            "near zero, as for a motor that keeps turning while it is driven: better to fix it "
-            f"than to estimate it, with _integrator ({_lower(structure)})."
+            "near zero, as for a motor that keeps turning while it is driven: fix it at zero "
+            f"with _integrator ({_lower(structure)})."
         )
         findings.append(info("integrator-likely", sentence, parameters=(last,)))
     return findings

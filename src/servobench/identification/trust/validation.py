@@ -41,7 +41,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
     say = info if first_order else warning
     if not explains_the_colour(fit):
         allowance = (
-            "The intervals allow for it, from the residual and from experience with other motors."
+            "The intervals allow for it, based on the residual and on experience with other motors."
             if first_order
             else "The intervals allow for the colour, but not for a bias."
         )
@@ -60,7 +60,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
             say(
                 "residual-follows-input",
                 f"The residual is correlated with the input ({tied:.0f} standard deviations at "
-                "the worst lag): part of the motor's response to the input is missing in this "
+                "the worst lag): part of the motor's response to the input is missing from this "
                 "model.",
             )
         )

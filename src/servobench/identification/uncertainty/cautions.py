@@ -13,7 +13,7 @@ from servobench.identification.uncertainty.identifiability import State
 from servobench.identification.uncertainty.status_text import bound_text
 
 _WHERE = "gain-local"  # the finding that says at which operating point a gain holds
-_CHOICE = "one choice of many that fit the data as well."
+_CHOICE = "one choice of many that fit the data equally well."
 
 
 def cautions(document: Mapping[str, Any]) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ def composition(fit: Fit) -> tuple[BudgetLine, ...]:
     added = [np.diag(line.covariance) for line in fit.budget]
     own = np.maximum(variance - sum(added, np.zeros_like(variance)), 0.0)
     samples = sum(int(record.valid.sum()) for record in fit.records)
-    reason = f"what {fit.estimator} says by what the model leaves over"
+    reason = f"what {fit.estimator} derives from the residual"
     lines = [_line(fit, MEASUREMENT, own, variance, float(samples - len(fit.vector)), reason)]
     for line, part in zip(fit.budget, added, strict=True):
         lines.append(_line(fit, line.source, part, variance, line.freedom, line.reason))

@@ -40,7 +40,7 @@ def with_curved_valley(fit: Fit) -> Fit:
     )
     if far is None:
         return fit
-    reason = "shorter time constants explain the data as well, with other values of the rest"
+    reason = "shorter time constants explain the data equally well, with other values of the rest"
     return fit.widen(Contribution(source=SOURCE, covariance=np.outer(far, far) / TWO_SIDED**2, reason=reason))
 
 

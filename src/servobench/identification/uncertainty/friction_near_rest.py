@@ -47,7 +47,7 @@ def with_friction_near_rest(fit: Fit) -> Fit:
     added = excess_covariance(fit)
     if not added.any():
         return fit
-    reason = "friction near rest may be larger than at speed by up to half of itself"
+    reason = "friction near rest may be up to half as large again as at speed"
     return fit.widen(Contribution(source=SOURCE, covariance=added, reason=reason))
 
 

@@ -46,7 +46,7 @@ def with_friction_range(fit: Fit) -> Fit:
     line = Contribution(
         source=SOURCE,
         covariance=np.outer(way, way) / TWO_SIDED**2,
-        reason="more friction explains the data as well, with other values of the rest",
+        reason="more friction explains the data equally well, with other values of the rest",
     )
     wider = fit.widen(line)
     far = fit.model.theta + there - here

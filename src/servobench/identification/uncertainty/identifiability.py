@@ -168,7 +168,7 @@ def _remedy(name: str) -> str:
         return "steps that are sampled at least ten times in a time constant"
     if name == "gain" or name in _FRICTION:
         return "a second level of the input or coasting"
-    return "a longer record whose input changes often"
+    return "an input that changes often, for longer"
 
 
 def _lag(fit: Fit) -> Combination | None:

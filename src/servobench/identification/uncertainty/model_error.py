@@ -179,7 +179,7 @@ def _reason(error: ModelError, events: float) -> str:
     if events < _ONE:
         return (
             "the record has one event, which can't show how wrong the model is: allowed for from experience with "
-            f"{_EXPERIENCE}; a second step would make this less"
+            f"{_EXPERIENCE}; a second step would reduce this"
         )
     return (
         f"the residual moves the parameters {error.ratio:.1f} times as much as white noise would; beyond that, from experience "

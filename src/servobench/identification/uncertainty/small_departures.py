@@ -45,9 +45,7 @@ def with_small_departures(fit: Fit) -> Fit:
     lines = [(warming, "a motor that warms up", "the winding may become warmer by 25 K within the record")]
     if _sizes_differ(fit, largest):
         lost = _BAND / SMALL * _columns(test, _dead_band(fit))
-        lines.append(
-            (lost, "a dead band", "the amplifier may lose up to 5 % of the largest input about zero")
-        )
+        lines.append((lost, "a dead band", "the amplifier may lose up to 5 % of the largest input near zero"))
     if all(record.data.position_unit == "rad" for record in fit.records):
         played = _columns(test, _PLAYING) / _TYPICAL
         lines.append((played, "play", "a gear may have play of up to half a degree"))

@@ -149,12 +149,12 @@ def _sentence(
         )
     else:
         sentence = (
-            f"At the estimate {what} is {verdict}, but the data leave it open: {percent(100 * share)} % of {draw_count} sets of "
-            f"parameters drawn at random from the fit say so, and {alike} of the {corners} combinations of the ends of their "
-            "95 % intervals."
+            f"At the estimate {what} is {verdict}, but the data leave it open: the same holds for {percent(100 * share)} % of "
+            f"{draw_count} sets of parameters drawn at random from the fit, and for {alike} of the {corners} combinations of the "
+            "ends of their 95 % intervals."
         )
     if unknown:
-        sentence += f" Left where they are, as the data don't determine them: {unknown}."
+        sentence += f" Held at their estimates, as the data don't determine them: {unknown}."
     return sentence
 
 

@@ -63,8 +63,8 @@ def with_static_friction(fit: Fit) -> Fit:
     unit = fit["coulomb_voltage"].unit
     sentence = (
         f"The shaft starts at {with_unit(high, unit, 2)} and stops at {with_unit(low, unit, 2)} (medians of {len(start)} runs): "
-        "static friction is larger than sliding friction, which one Coulomb friction can't describe. Identify records in which "
-        "the motor keeps turning."
+        "static friction is larger than sliding friction, which a single Coulomb friction can't describe. Identify records in "
+        "which the motor keeps turning."
     )
     finding = warning(
         "static-friction", sentence, parameters=("coulomb_voltage", "gain", "time_constant", "delay")

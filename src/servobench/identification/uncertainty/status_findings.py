@@ -50,11 +50,9 @@ def _together(known: Combination, answers: Mapping[str, ParameterStatus]) -> Fin
 def _alone(answer: ParameterStatus) -> Finding:
     name = parameter_in_words(answer.name, answer.estimate.unit)
     if answer.state is State.BOUNDED:
-        sentence = (
-            f"The data show only that the {name} is {in_words(answer)}; {answer.remedy} would tell more."
-        )
+        sentence = f"The data show only that the {name} is {in_words(answer)}; to narrow that down, record {answer.remedy}."
     else:
-        sentence = f"The data don't determine the {name}; {answer.remedy} would."
+        sentence = f"The data don't determine the {name}; record {answer.remedy}."
     return info("parameter-unknown", sentence, parameters=(answer.name,))
 
 
@@ -66,7 +64,7 @@ def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:
         advice = _any_gain(principal[0], fit)
     else:
         advice = (
-            "the output shows nothing of the input. Check that these two columns belong to one motor, or record a larger "
+            "the output doesn't respond to the input. Check that these two columns belong to one motor, or record a larger "
             "input"
         )
     sentence = f"The data determine neither the {names} nor any combination of them: {advice}."
@@ -79,6 +77,6 @@ def _any_gain(gain: ParameterStatus, fit: Fit) -> str:
     widest = max(composition(fit), key=lambda line: line.half_widths.get(gain.name, 0.0))
     return (
         f"this model explains {fit.fit_percent:.0f} % of the output, but allows any gain from {rounded.low} to {rounded.high} "
-        f"{rounded.unit} (the largest part of that: {widest.source}). Record steps between several levels in open loop, each "
+        f"{rounded.unit} (largest contribution: {widest.source}). Record steps between several levels in open loop, each "
         "until the speed settles"
     )

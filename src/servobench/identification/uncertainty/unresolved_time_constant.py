@@ -38,5 +38,5 @@ def with_unresolved_time_constant(fit: Fit) -> Fit:
     if not lacking > 0:
         return fit
     slope = np.where(np.isfinite(np.diag(fit.covariance)), fit.covariance[:, at] / variance, 0.0)
-    reason = "the time constant isn't known by itself, and what goes with it isn't known any better"
+    reason = "the time constant isn't known by itself, and what varies with it is known no better"
     return fit.widen(Contribution(source=SOURCE, covariance=lacking * np.outer(slope, slope), reason=reason))

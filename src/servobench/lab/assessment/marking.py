@@ -85,9 +85,9 @@ def mark(
 
 
 def marks_table(marks: Marks) -> str:
-    """Return the marks as CSV: a row for each student, and for each blank the verdict, the answer and what is said of it."""
+    """Return the marks as CSV: a row for each student, and for each blank the verdict, the answer and the feedback on it."""
     ids = [each.blank for each in marks.students[0].marks]
-    columns = [(name, f"{name}: answer", f"{name}: what is said") for name in ids]
+    columns = [(name, f"{name}: answer", f"{name}: feedback") for name in ids]
     head = ["student", "points", "of", *(cell for three in columns for cell in three), "notes"]
     rows = [
         [

@@ -92,5 +92,5 @@ def _question(exercise: Exercise, blank: Blank, stand: MotorStand) -> Question:
         return Question(blank=blank, why_not=str(error))
     allowed = Tolerance(blank.tolerance, blank.unit).around(known)
     if not math.isfinite(allowed):
-        return Question(blank=blank, why_not=f"the recording doesn't tell `{blank.answer}`")
+        return Question(blank=blank, why_not=f"the recording doesn't determine `{blank.answer}`")
     return Question(blank=blank, right=known.value, allowed=allowed)

@@ -184,7 +184,7 @@ def _rises(cutoffs: tuple[float, ...], speeds: list[Dataset], readings: Readings
 def _conclusion(best: BestCutoff, true: float) -> str:
     off = best.error
     return (
-        f"Read at 63.2 % with nothing taken off, the time constant is least wrong behind a cut-off of {plain(best.cutoff, 2)} "
+        f"Read at 63.2 % without any correction, the time constant is least wrong behind a cut-off of {plain(best.cutoff, 2)} "
         f"rad/s (from {plain(best.low, 2)} to {plain(best.high, 2)} rad/s it is at most a tenth worse): off by "
         f"{with_unit(off.rms, 's', 2)}, from {with_unit(off.bias, 's', 2)} of lag and {with_unit(off.sd, 's', 2)} of scatter "
         f"that the encoder's steps make. That is {plain(100 * off.rms / true, 2)} % of the time constant."

@@ -33,7 +33,7 @@ class OverIntervals(StudySettings):
         result = identify(measure(stand.run(_experiment(stand.experiment))))
         if result.fit is None:
             why = "; ".join(finding.sentence for finding in result.findings)
-            raise NotIdentifiable(f"the square wave tells no motor: {why}")
+            raise NotIdentifiable(f"the square wave doesn't identify the motor: {why}")
         known = {**result.fit.estimates, **_poles(result.fit)}
         feedback = TransferFunction(numerator=(self.kp,), denominator=(1.0,), output="input", unit="1")
         values = {

@@ -12,7 +12,7 @@ const UNITS = {
 const QUESTIONS = {
     time: "Which column is the time?",
     input: "Which column drives the motor?",
-    output: "Which column was measured of the motor: its position, or its speed?",
+    output: "Which column was measured on the motor: its position, or its speed?",
 };
 const EVENLY = "/evenly"; // in the place of a column
 const AS_THEY_ARE = "/own";
@@ -39,7 +39,7 @@ export async function columnsForm(name, send, onDone) {
             { class: "field" },
             el("label", { for: chain.id }, "Its processing before recording (optional)"),
             chain,
-            el("p", { class: "quiet" }, "Such as derivative | lowpass 50 rad/s; none where nothing was. Left empty, a filter's lag is taken for the motor's."),
+            el("p", { class: "quiet" }, "Such as derivative | lowpass 50 rad/s; none if there was none. If left empty, a filter's lag counts as the motor's."),
         ),
         trouble,
         el("div", { class: "row" }, save),

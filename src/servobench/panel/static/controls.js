@@ -62,7 +62,7 @@ export function makeController(store, commands, controllers, scopes) {
         const { sentence } = farAway(store, scopes, settings.value());
         question.replaceChildren(
             el("p", {}, sentence),
-            el("div", { class: "row" }, choice("Open the device anew", anew), choice("Apply all the same", () => send(true)), choice("Cancel", () => {})),
+            el("div", { class: "row" }, choice("Reopen the device", anew), choice("Apply anyway", () => send(true)), choice("Cancel", () => {})),
         );
         question.hidden = false;
     };
@@ -105,7 +105,7 @@ function farAway(store, scopes, controller) {
     return {
         sentence:
             `The shaft is at ${significant(at, 4)} rad, and the signal's numbers, now radians, ask for ${significant(wanted, 3)}: the motor would turn back ` +
-            `over ${turns} turns, as fast as it can. Opened anew, a device counts from where it stands.`,
+            `over ${turns} turns, as fast as it can. A reopened device counts from where it stands.`,
     };
 }
 

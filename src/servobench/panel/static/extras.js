@@ -17,7 +17,7 @@ async function propose(store, commands, experiment) {
         const asked = { do: "open", device: { name: device.name, settings: device.settings }, sample_time: wanted };
         const outcome = await commands.ask(asked, OPENING);
         if (!outcome.accepted) throw new Error(outcome.why);
-        set = `It is sampled at ${rate(wanted)}, not at ${rate(sample_time)} any more; the device was opened anew for that.`;
+        set = `It is now sampled at ${rate(wanted)}, no longer at ${rate(sample_time)}; the device was reopened for that.`;
     }
     store.emit("proposed", experiment);
     return set;

@@ -3,7 +3,7 @@
 import { announce, toast } from "./announcer.js";
 import { byId, say } from "./dom.js";
 
-const STARTED_ANEW = "The panel was started anew and doesn't know this page: open the address printed in its terminal.";
+const STARTED_ANEW = "The panel was restarted and doesn't know this page: open the address printed in its terminal.";
 const ENDED = "If the panel has ended, start it in a terminal, and open the address that it prints.";
 const LONG = 5000; // ms without a connection, after which it may have ended
 const OLD = 1000; // ms without rows; of slow loops three ticks

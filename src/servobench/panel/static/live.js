@@ -59,7 +59,7 @@ const SILENT = 1500; // ms; it says something five times a second once it is rea
 // Why nothing is known of the motor yet.
 function whyEmpty(state, silent) {
     if (!state?.running || state.unknown) return "Gain and time constant appear here while the motor turns.";
-    if (!state.followed) return "This device doesn't say what it measures, so that it can't be identified while it runs: record, and identify the recording.";
+    if (!state.followed) return "This device doesn't say what it measures, so it can't be identified while it runs: record, and identify the recording.";
     if (silent > SILENT && state.enabled) return "Preparing live identification. The first time this may take a minute, as its equations are compiled; recordings aren't affected.";
     return state.enabled ? "The motor turns; there isn't enough data yet." : "Start the motor: gain and time constant appear here while it turns.";
 }

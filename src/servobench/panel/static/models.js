@@ -133,8 +133,8 @@ function identifyButton(name, about, going, start, title) {
     const unclear = about?.columns === "open";
     const button = el(
         "button",
-        { type: "button", class: "plain", id, "aria-disabled": String(Boolean(going)), "aria-label": unclear ? `Say what the columns of ${name} are` : `${title} ${name}`, on: { click: () => start(name) } },
-        unclear ? "Say its columns" : going ? "Identifying …" : title,
+        { type: "button", class: "plain", id, "aria-disabled": String(Boolean(going)), "aria-label": unclear ? `Choose the columns of ${name}` : `${title} ${name}`, on: { click: () => start(name) } },
+        unclear ? "Choose its columns" : going ? "Identifying …" : title,
     );
     return el("div", {}, button, el("p", { class: "quiet number", id: `${id}-progress` }, going ? workProgress(going).sentence : ""));
 }

@@ -49,11 +49,11 @@ def recordings_in(data: object, argument: str = "data") -> tuple[Recording, ...]
         if adapter().accepts(data):
             return adapter().recordings(data)
     raise UsageError(
-        f"{argument} is {text_of_value(data)}; expected {_list_of_kinds()}, or a list of such. {_ARRAYS}"
+        f"{argument} is {text_of_value(data)}; expected {_list_of_kinds()}, or a list of these. {_ARRAYS}"
     )
 
 
-_ARRAYS = "Arrays are given by name: t=, u=, y=, input_unit=, output_unit="
+_ARRAYS = "Pass arrays by name: t=, u=, y=, input_unit=, output_unit="
 
 
 def _list_of_kinds() -> str:

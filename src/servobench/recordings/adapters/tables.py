@@ -60,11 +60,11 @@ class Tables:
         lengths = sorted({len(column.values) for column in columns})
         if len(lengths) > 1:
             raise UsageError(
-                f"the columns of the {kind} have {lengths[0]} to {lengths[-1]} rows; expected as many in each"
+                f"the columns of the {kind} have {lengths[0]} to {lengths[-1]} rows; expected the same number in each"
             )
         if left_out:
             findings.append(
-                info("columns-not-numbers", f"No numbers are in {quote(left_out)}; they are left out.")
+                info("columns-not-numbers", f"Columns without numbers are left out: {quote(left_out)}.")
             )
         return (
             recording_of(columns, name=kind, source=Source(name=kind, format="memory"), findings=findings),
@@ -92,8 +92,8 @@ def _columns(data: Any) -> Iterator[tuple[str, Any]]:
     if _is_xarray(data):
         if len(data.dims) != 1:
             raise UsageError(
-                f"the {type(data).__name__} has the dimensions {', '.join(map(str, data.dims)) or 'none'}; expected one, along "
-                "which the samples lie: select the others first"
+                f"the {type(data).__name__} has the dimensions {', '.join(map(str, data.dims)) or 'none'}; expected only "
+                "that of the samples: select a value of each of the others first"
             )
         held = data if hasattr(data, "data_vars") else data.to_dataset(name=data.name or "value")
         yield from ((str(name), each.values) for name, each in held.variables.items())

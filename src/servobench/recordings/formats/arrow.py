@@ -48,7 +48,7 @@ class Arrow:
         data = path.read_bytes()
         if data.startswith(_FEATHER_1):
             raise FormatError(
-                f"{path.name} is a Feather file of version 1, which isn't read; write it again as version 2 or as Parquet"
+                f"{path.name} is a Feather file of version 1, which isn't supported; save it as version 2 or as Parquet"
             )
         with format_errors(path.name, "Arrow"):
             stream = pa.py_buffer(data[8:] if data.startswith(_MAGIC) else data)

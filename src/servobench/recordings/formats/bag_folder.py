@@ -42,7 +42,7 @@ def bag_files(metadata: Path) -> tuple[Path, ...]:
     Raises `FormatError` where it names none, one that isn't there, or one outside of the folder.
     """
     if metadata.stat().st_size > _LARGEST:
-        raise FormatError(f"{metadata} is larger than a bag's metadata are")
+        raise FormatError(f"{metadata} is too large for a bag's metadata")
     names: list[str] = []
     inside = False
     for line in metadata.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -53,10 +53,10 @@ def bag_files(metadata: Path) -> tuple[Path, ...]:
             inside = line.strip() == "relative_file_paths:"
     files = tuple(metadata.parent / Path(name).name for name in names if Path(name).name)
     if not files:
-        raise FormatError(f"{metadata} names no file of the bag; name its .mcap or .db3 file itself")
+        raise FormatError(f"{metadata} lists no file of the bag; give its .mcap or .db3 file instead")
     for file in files:
         if not file.is_file():
             raise FormatError(
-                f"the bag {metadata.parent} lacks its file {file.name}; name those that are there one by one"
+                f"the bag {metadata.parent} lacks its file {file.name}; give the others one by one"
             )
     return files

@@ -106,7 +106,7 @@ def load(
         return recordings
     finding = info(
         "format-by-content",
-        f"The file is read as {name}, which its content looks like; its name ends otherwise.",
+        f"The file is read as {name}, going by its content; its name has another ending.",
     )
     return tuple(recording.with_findings(finding) for recording in recordings)
 
@@ -136,7 +136,7 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
     form = _format_with(file.suffix.lower())
     if form is None or (form.written and file.suffix.lower() not in form.written):
         raise UsageError(
-            f"{file}: no file format that is written ends in {file.suffix!r}; known: {_formats_to_write()}"
+            f"{file}: no format that can be written ends in {file.suffix!r}; known: {_formats_to_write()}"
         )
     try:
         # Written apart and then moved, so that what is there stays until the new file is whole.
@@ -188,11 +188,11 @@ def _check_is_there(file: Path) -> None:
         if is_held(part):
             raise UsageError(busy_text(part))
         raise UsageError(
-            f"{file} is the folder of a run that was cut short; `servobench recover {file}` makes it whole"
+            f"{file} is the folder of a run that was cut short; `servobench recover {file}` repairs it"
         )
     if file.is_dir():
         raise UsageError(
-            f"{file} is a folder, and no bag of ROS 2 (it lacks metadata.yaml); name a file in it{_in_folder(file)}"
+            f"{file} is a folder, but not a ROS 2 bag (it lacks metadata.yaml); name a file in it{_in_folder(file)}"
         )
     if file.is_symlink() and not file.exists():
         raise UsageError(f"{file} is a link to {os.readlink(file)}, which isn't there; name the file itself")

@@ -39,8 +39,8 @@ def without_clock(lines: Sequence[str]) -> tuple[Sequence[str], list[str]]:
 def clock_column(clocks: Sequence[str]) -> tuple[Array, Finding]:
     """Return the clock times (N,) in seconds from the first, and the finding on the column."""
     sentence = (
-        f"Each line begins with the clock time of its capture, such as {next(filter(None, clocks), '')!r}; it is the column "
-        f"`{CAPTURE_TIME.name}`, in seconds from the first."
+        f"Each line begins with the clock time of its capture, such as {next(filter(None, clocks), '')!r}; these times "
+        f"become the column `{CAPTURE_TIME.name}`, in seconds from the first."
     )
     return seconds_from_first(clocks), info("time-stamps", sentence)
 

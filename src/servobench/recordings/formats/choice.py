@@ -33,7 +33,7 @@ from servobench.recordings.formats.roles import (
 from servobench.recordings.formats.sensitivity import Sensitivity, sensitivity
 from servobench.recordings.recording import Recording, Series
 
-_MEANING = {"input": "what drives the motor", "output": "what was measured of the motor"}
+_MEANING = {"input": "what drives the motor", "output": "what was measured on the motor"}
 
 
 def spec_of(column: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
@@ -207,7 +207,7 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
     candidates = moving or candidates
     if candidates:
         options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
-        sentence = f"which column is the {role}, as {quote(candidates)} may be: say {options}"
+        sentence = f"which column is the {role} (perhaps {quote(candidates)}): say {options}"
         sides = sides_of(candidates)
         pulses = [
             recording[each] for each in candidates if quantity_of(recording[each].channel.unit) == "time"
@@ -217,16 +217,18 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
         if not sides or sides[0].isdecimal():  # which would be a column's number
             return sentence
         example = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
-        return f"{sentence}. Of several motors, name one: `{role}={shell_text(example)}`"
-    sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {_list_of(names)}"
+        return f"{sentence}. If there are several motors, choose one: `{role}={shell_text(example)}`"
+    sentence = f"which column is the {role} ({_MEANING[role]}): say `{role}=COL:UNIT`; {_list_of(names)}"
     if role == "input":
         followed = [
             each.channel.name for each in recording.series if plain_name(each.channel.name) in REFERENCE_NAMES
         ]
         if followed:
-            sentence += f". {quote(followed[:1])} is called after what a loop has to follow, which doesn't drive the motor"
+            sentence += (
+                f". {quote(followed[:1])} is, by its name, what a loop follows, and doesn't drive the motor"
+            )
         sentence += (
-            ". Identification needs an input; name one in another file as FILE#COL, or one value throughout: "
+            ". Identification needs an input; name one in another file as FILE#COL, or give a constant one: "
             "`input_value=50:%`"
         )
     return sentence

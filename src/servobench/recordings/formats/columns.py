@@ -333,7 +333,7 @@ def _why_no_time(values: Array) -> str:
     """The reason why a column can't be times, and the remedy where its rows are only out of order."""
     values = values[np.isfinite(values)]
     if len(values) < 2:
-        return "it has one row, and a motion takes several" if len(values) else "it has no number"
+        return "it has only one row, and a motion needs several" if len(values) else "it has no number"
     if _mostly_increases(values[::-1]):
         return "it runs backwards; sort the rows by it, the earliest first"
     steps = np.diff(values)

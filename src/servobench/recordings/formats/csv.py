@@ -242,7 +242,7 @@ def _own_table(table: str, shapes: Sequence[tuple[int, int]], name: str) -> Arra
         at += columns
     if len(lines) != longest or faults.rows or faults.cells != ({"cell-empty": empty} if empty else {}):
         raise FormatError(
-            f"{name}: the first line describes a table of {longest} rows and {width} columns, which this isn't; if "
-            "it was changed on purpose, delete that line, and the file is read as any other table"
+            f"{name}: the first line describes a table of {longest} rows and {width} columns, but the file "
+            "differs; if you changed it on purpose, delete that line, and the file is read as any other table"
         )
     return values

@@ -98,7 +98,7 @@ def read(path: Path) -> Log:
     """Return the log in a file; raises `FormatError` where it's none, or larger than is read."""
     if path.stat().st_size > MOST_BYTES:
         raise FormatError(
-            f"{path.name} has {path.stat().st_size} bytes; logs of more than {MOST_BYTES} aren't read. Cut out the "
+            f"{path.name} has {path.stat().st_size} bytes; logs of more than {MOST_BYTES} aren't read. Extract the "
             "part with the tests, with WPILib's or another tool"
         )
     data = path.read_bytes()
@@ -149,9 +149,7 @@ def _records(data: bytes, at: int) -> tuple[_Records, str]:
             break
         append(at)
         at = following
-    damage = (
-        "" if at >= end else "in the middle of a record" if data[at] < 128 else "in bytes that are no record"
-    )
+    damage = "" if at >= end else "in the middle of a record" if data[at] < 128 else "in stray bytes"
     raw = np.frombuffer(data, np.uint8)
     places = np.frombuffer(begins, np.uint32) if begins else np.empty(0, np.uint32)
     bits = raw[places]

@@ -66,7 +66,7 @@ def messages(path: Path, reading: Reading) -> Iterator[Message]:
             reading.topics.update(_topics(connection))
         except (sqlite3.Error, TypeError, ValueError) as error:
             raise FormatError(
-                f"{path.name} is an SQLite file, but no bag of ROS 2 that can be read: {error}"
+                f"{path.name} is an SQLite file, but not a readable ROS 2 bag: {error}"
             ) from None
         try:
             rows = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")

@@ -73,7 +73,7 @@ class Description:
     def __repr__(self) -> str:
         """The recording in one line."""
         channels = ", ".join(each.name for each in self.channels)
-        return f"<Description {self.name}: {channels}; {len(self.missing)} to be said>"
+        return f"<Description {self.name}: {channels}; {len(self.missing)} missing>"
 
 
 def describe(recording: Recording, mapping: Mapping | None = None) -> Description:

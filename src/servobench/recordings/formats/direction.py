@@ -25,12 +25,12 @@ def with_sign(size: Series, direction: Series) -> tuple[Series, Finding]:
     names = f"`{size.channel.name}` and `{direction.channel.name}`"
     if len(size.values) != len(direction.values):
         raise UsageError(
-            f"{names} have {len(size.values)} and {len(direction.values)} rows; a sign needs as many as its column"
+            f"{names} have {len(size.values)} and {len(direction.values)} rows; a sign needs as many rows as its column"
         )
     signs = _signs(direction.values)
     if signs is None:
         raise UsageError(
-            f"`{direction.channel.name}` is no sign of `{size.channel.name}`: expected a column of 1 and −1, or of 1 and 0"
+            f"`{direction.channel.name}` can't be the sign of `{size.channel.name}`: expected a column of 1 and −1, or of 1 and 0"
         )
     channel = replace(
         size.channel,

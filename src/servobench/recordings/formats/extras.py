@@ -35,4 +35,4 @@ def format_errors(name: str, kind: str) -> Iterator[None]:
         raise
     except Exception as error:
         message = " ".join((str(error) or type(error).__name__).split())
-        raise FormatError(f"{name} is no {kind} file, or a damaged one: {message[:200]}") from error
+        raise FormatError(f"{name} isn't a {kind} file, or is damaged: {message[:200]}") from error

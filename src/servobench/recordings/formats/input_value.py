@@ -50,7 +50,7 @@ def with_input_of_name(recording: Recording, pattern: str) -> Recording:
     spec = ColumnSpec.parse(pattern)
     if spec.column.count(LEVEL) != 1 or not _is_input_unit(spec.unit):
         raise UsageError(
-            f"`input={pattern}`: expected {LEVEL} once, and a unit behind the pattern, such as {LEVEL}pwr:%"
+            f"`input={pattern}`: expected {LEVEL} once, and a unit after the pattern, such as {LEVEL}pwr:%"
         )
     name = PurePath(recording.source.name).name
     before, after = map(re.escape, spec.column.split(LEVEL))
@@ -66,11 +66,11 @@ def with_input_of_name(recording: Recording, pattern: str) -> Recording:
 def _with_constant(recording: Recording, value: float, unit: str, why: str) -> Recording:
     if CHANNEL in recording:
         raise UsageError(
-            f"{recording.name}: has a channel {CHANNEL!r} already; rename it, or name it as the input"
+            f"{recording.name} has a channel {CHANNEL!r} already; rename it, or name it as the input"
         )
     longest = max(recording.series, key=lambda each: len(each.values), default=None)
     if longest is None:
-        raise UsageError(f"{recording.name}: has no channel beside its input")
+        raise UsageError(f"{recording.name} has no channel besides its input")
     series = Series(
         channel=Channel(name=CHANNEL, unit=unit), values=np.full(len(longest.values), value), t=longest.t
     )

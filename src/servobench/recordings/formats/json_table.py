@@ -63,7 +63,7 @@ class JsonTable:
         columns = _table_in(content)
         if columns is None:
             raise FormatError(
-                f"{path.name} is JSON, but no table: it has {_summary(content)}. Expected a list of objects such as "
+                f"{path.name} is JSON, but not a table: it has {_summary(content)}. Expected a list of objects such as "
                 '[{"t": 0, "u": 1.5}, ...], an object of equally long lists, or a file of SysId or a servo bench'
             )
         return (_recording(columns, content, path),)
@@ -140,7 +140,7 @@ def _recording(columns: _Columns, content: Any, path: Path) -> Recording:
         skipped += [name for name, value in content.items() if name not in columns and value is not None]
     if skipped:
         findings.append(
-            info("columns-not-numbers", f"Not columns of numbers, and not read: {quote(skipped)}.")
+            info("columns-not-numbers", f"Columns that aren't numbers aren't read: {quote(skipped)}.")
         )
     source = Source(name=path.name, format="json_table")
     return recording_of(parts, name=path.stem, source=source, findings=findings)

@@ -120,7 +120,7 @@ def _without_names(content: Sequence[str], names: Sequence[str], units: Sequence
         first = min(first, k) if fits else first
         lines.append(_row([value for _, value in pairs], units) if fits else _short_row(line, names))
     lines.insert(first, _header(names, units))
-    sentence = f"Each row names its values; the columns are called so: {quote(names)}."
+    sentence = f"Each row names its values; the columns take these names: {quote(names)}."
     return BareRows(lines=lines, header=first, is_new=True, finding=info("labelled-values", sentence))
 
 
@@ -146,5 +146,5 @@ def _without_units(content: Sequence[str], units: Sequence[str]) -> BareRows:
         first -= 1
         lines[first] = _header(names, units)
     of_columns = ", ".join(f"`{name}` in {unit}" for name, unit in zip(names, units, strict=True) if unit)
-    sentence = f"The units stand behind the numbers: {of_columns}."
+    sentence = f"The units follow the numbers: {of_columns}."
     return BareRows(lines=lines, header=first, is_new=is_new, finding=info("labelled-values", sentence))

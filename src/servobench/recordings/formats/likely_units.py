@@ -45,7 +45,7 @@ def unit_examples(role: Role, series: Series) -> str:
     """Return units that a column without one may have, each as it has to be said, as the end of a sentence."""
     name, values = series.channel.name, _finite(series.values)
     if role == "input" and (is_duty_name(name) or (_are_whole(values) and _largest(values) > LARGEST_SUPPLY)):
-        return f"{_duty_examples(name, values)}; its supply goes into `supply=...`"
+        return f"{_duty_examples(name, values)}; give its supply as `supply=...`"
     symbols = " or ".join(shell_text(f"{name}:{symbol}") for symbol in _DEFAULT[role])
     if role == "output" and _are_whole(values):
         new = (
@@ -131,7 +131,7 @@ def pulse_remedy(series: Series) -> str:
             f"and say `input={shell_text(f'{name}:1')}`"
         )
     return (
-        "If it is how long a pulse lasts, say what 100 % is, such as "
+        "If it is a pulse width, say what 100 % is, such as "
         f"`input={shell_text(f'{name}:PWM/20000')}` for 20000 {series.channel.unit}"
     )
 

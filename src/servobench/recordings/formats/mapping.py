@@ -109,7 +109,7 @@ def _with_turn(recording: Recording, counts_per_rev: float) -> Recording:
     if unit(symbol).si not in {"counts", "counts/s"}:
         raise UsageError(
             f"{counts_per_rev:g} counts per turn are given, but the output `{name}` is in {symbol}; say "
-            f"`output={name}:counts` if it holds counts, otherwise leave them out"
+            f"`output={name}:counts` if it holds counts, otherwise leave `counts_per_rev=...` out"
         )
     channel = replace(series.channel, counts_per_rev=counts_per_rev)
     return replace(recording, series=_merge(recording.series, [replace(series, channel=channel)]))
@@ -306,7 +306,7 @@ def _check(where: str, content: dict[str, Any], known: Sequence[str]) -> dict[st
     """The entries of a mapping, each of the type that it has to have; raises an error that says where and what was expected."""
     for key, value in content.items():
         if key not in known:
-            raise UnknownName(f"entry of a mapping such as {where}", key, (*known, _EACH))
+            raise UnknownName(f"entry in the mapping {where}", key, (*known, _EACH))
         if key == _CHOICES:
             if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
                 raise UsageError(

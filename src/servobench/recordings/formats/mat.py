@@ -126,7 +126,7 @@ def _own(text: str, variables: Iterable[Variable], name: str) -> tuple[Recording
     try:
         return tuple(recording(one) for one in described["recordings"])
     except (KeyError, TypeError, AttributeError) as error:
-        raise FormatError(f"{name}: what its variable `{_OURS}` says isn't so ({error!r})") from None
+        raise FormatError(f"{name}: its variable `{_OURS}` doesn't describe the file ({error!r})") from None
 
 
 def _vector(matrix: Matrix) -> Array:

@@ -57,7 +57,7 @@ def objects(path: Path, names: Sequence[str]) -> Objects:
         import_mat_io()
     except ImportError:
         sentence = (
-            f"Objects of MATLAB in {quote(names)} aren't read, as that needs mat-io: pip install "
+            f"MATLAB objects in {quote(names)} aren't read, as that needs mat-io: pip install "
             '"servobench[matlab]", or save the data as plain vectors (x = ts.Data; t = ts.Time).'
         )
         return Objects(findings=(warning("object-skipped", sentence),))
@@ -68,7 +68,7 @@ def objects(path: Path, names: Sequence[str]) -> Objects:
     except Exception as error:  # mat-io tells of what it can't read by errors of any type
         message = str(error).splitlines()[0][:120] if str(error) else repr(error)
         sentence = (
-            f"Objects of MATLAB in {quote(names)} aren't read, as they are damaged or of an unknown "
+            f"MATLAB objects in {quote(names)} aren't read, as they are damaged or of an unknown "
             f"kind: {message}."
         )
         return Objects(findings=(warning("object-skipped", sentence),))
@@ -81,9 +81,7 @@ def objects(path: Path, names: Sequence[str]) -> Objects:
         sentence = f"The objects in {quote(names)} hold no signal: only timeseries, timetable and table do."
         findings.append(info("object-skipped", sentence))
     if unread:
-        sentence = (
-            f"Logged signals that aren't single real numbers at even times aren't read: {quote(unread)}."
-        )
+        sentence = f"Only single real numbers at evenly spaced times are read as logged signals; not read: {quote(unread)}."
         findings.append(info("object-skipped", sentence))
     different = {each.t.tobytes(): each.t for each in series if each.t is not None}
     findings.extend(finding for t in different.values() for finding in time_findings(t))

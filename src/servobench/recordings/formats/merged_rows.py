@@ -29,6 +29,6 @@ def about_merged_rows(input: Series, output: Series) -> Finding:
     count = int(np.isfinite(input.values).sum())
     sentence = (
         f"No row holds both input and output: `{input.channel.name}` has a value in {count} of {len(input.values)} rows, which "
-        f"holds until its next one, and `{output.channel.name}` has its values in others."
+        f"holds until the next, and `{output.channel.name}` has its values in other rows."
     )
     return info("rows-merged", sentence)

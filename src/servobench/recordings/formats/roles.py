@@ -256,7 +256,7 @@ def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tu
     by_side = _of_side(recording, spec, role)
     if by_side is not None:
         listing = (
-            f"`{spec.column}` is taken to be `{by_side.channel.name}`, the {role} whose name has that part."
+            f"`{spec.column}` is taken to be `{by_side.channel.name}`, the {role} whose name contains it."
         )
         return by_side, [info("name-beginning", listing)]
     file, sharp, column = spec.column.rpartition("#")
@@ -300,7 +300,7 @@ def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
     )
     raise UnitError(
         f"`{spec.column}`: {tail!r} isn't a known unit{hint}; known are {', '.join(_COMMON_UNITS)}, and products of "
-        f"them{turn}"
+        f"these{turn}"
     )
 
 
@@ -396,7 +396,9 @@ def _in_other_file(
         path = other_path if other_path.exists() else path  # a missing file is reported by the given name
     others = load(path)
     if len(others) != 1:
-        raise UsageError(f"{file} holds {len(others)} recordings; a column can come from a file with one")
+        raise UsageError(
+            f"{file} holds {len(others)} recordings; a column can only come from a file with one"
+        )
     series, findings = find_series(others[0], spec, role)
     name = f"{path.stem}.{series.channel.name}"
     while name in recording:

@@ -164,7 +164,7 @@ class RosBag:
     def write(self, recordings: tuple[Recording, ...], path: Path) -> None:
         """Raise `UsageError`: what is written to an MCAP file is a recording of ours."""
         raise UsageError(
-            f"{path.name}: bags of ROS aren't written; an .mcap file of ours has the format `mcap`"
+            f"{path.name}: ROS bags can't be written; servobench writes .mcap files in its own format `mcap`"
         )
 
 
@@ -180,18 +180,18 @@ def read(path: Path) -> tuple[Recording, ...]:
         count += topics.setdefault(key, _Gathered(topic=message.topic)).add(message)
         if count > MOST_NUMBERS:
             raise FormatError(
-                f"{path.name} has more than {MOST_NUMBERS} numbers; cut out the topics that are needed (mcap filter)"
+                f"{path.name} has more than {MOST_NUMBERS} numbers; extract the topics that you need (mcap filter)"
             )
     with_numbers = [each for each in topics.values() if each.fields]
     skipped = _topics_without_channel(reading, topics)
     if not with_numbers:
         raise FormatError(
-            f"{path.name} is a bag without a message of numbers that can be read; its topics: {quote(skipped) or 'none'}"
+            f"{path.name} is a bag without readable messages of numbers; its topics: {quote(skipped) or 'none'}"
         )
     series, back = _series(with_numbers)
     if len(series) > LARGEST_TABLE:
         raise FormatError(
-            f"{path.name} has {len(series)} channels, more than {LARGEST_TABLE}; cut out the topics that are needed"
+            f"{path.name} has {len(series)} channels, more than {LARGEST_TABLE}; extract the topics that you need"
         )
     names, renamed = distinct([each.channel.name for each in series])
     named = tuple(
@@ -283,8 +283,8 @@ def _about_topics(topics: Sequence[_Gathered], back: Iterable[str]) -> list[Find
     logged = [each.topic.name for each in topics if not each.has_stamps]
     if logged:
         sentence = (
-            f"These topics have no stamp in their messages, so the log times are used: {quote(logged)}. Those are "
-            "late by the transport, and a fitted delay includes that."
+            f"These topics have no stamp in their messages, so the log times are used: {quote(logged)}. Log times "
+            "are late by the transport, which a fitted delay then includes."
         )
         findings.append(info("time-logged", sentence))
     apart = [

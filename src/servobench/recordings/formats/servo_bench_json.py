@@ -147,7 +147,7 @@ def _load(values: Array, rows: NDArray[np.int64]) -> tuple[Array, list[Finding]]
     wrapped = (values >= 2**15) if whole else np.zeros(len(values), dtype=bool)
     if wrapped.any():
         there = rows[wrapped]
-        sentence = f"`load` is signed and was written as 0 to 65535 (65535 is -1); its sign is back in {in_words(there)}."
+        sentence = f"`load` is signed and was written as 0 to 65535 (65535 is -1); its sign is restored in {in_words(there)}."
         findings.append(info("load-unwrapped", sentence, rows=(int(there[0]), int(there[-1]))))
         values = np.where(wrapped, values - 2**16, values)
     sentence = (

@@ -26,7 +26,7 @@ class Stale:
         age = "" if t is None else f" ({1000 * self.hold * float(np.median(np.diff(t))):.0f} ms)"
         return (
             f"`{name}` changes in {100 * self.share:.0f} % of the rows only, about every {self.hold:g} rows{age}: in "
-            "the others it is older than its row."
+            "the others the value is older than its row."
         )
 
 

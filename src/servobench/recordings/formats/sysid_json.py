@@ -131,7 +131,7 @@ def _recording(test: str, rows: object, name: str, travel: str | None) -> Record
     findings = []
     if not good.all():
         bad = np.flatnonzero(~good) + 1
-        sentence = f"Not {len(channels)} numbers, left out: {in_words(bad)}."
+        sentence = f"Rows without {len(channels)} numbers are left out: {in_words(bad)}."
         findings.append(warning("row-not-numbers", sentence, rows=(int(bad[0]), int(bad[-1]))))
     numbers = np.flatnonzero(good) + 1
     values = np.array([rows[k] for k in np.flatnonzero(good)], dtype=np.float64).reshape(-1, len(channels))
@@ -216,7 +216,7 @@ def _first_is_of_another_test(voltages: Array) -> bool:
 
 def _first_row_finding(voltages: Array) -> Finding:
     levels = " and ".join(f"{voltage:g} V" for voltage in voltages)
-    sentence = f"Row 1 carries {levels}, left over from the test before; it is left out."
+    sentence = f"Row 1 still holds {levels} from the test before, and is left out."
     return info("first-row-other-test", sentence, rows=(1, 1))
 
 
@@ -224,8 +224,8 @@ def _about_values(values: Array, channels: Sequence[Channel]) -> list[Finding]:
     """Findings on voltages, velocities and positions."""
     findings = []
     sentence = (
-        "SysId's logger records the voltage and then sets the next one, so a row's voltage acted until its time: it is read as "
-        "acting from the row before on."
+        "SysId's logger records the voltage and then sets the next one, so a row's voltage acted up to that row's time: it is "
+        "read as acting from the previous row on."
     )
     findings.append(info("voltage-before-row", sentence))
     for k, channel in enumerate(channels):

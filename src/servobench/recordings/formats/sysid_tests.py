@@ -23,7 +23,7 @@ NONE = "none"
 STATES = frozenset({"quasistatic-forward", "quasistatic-reverse", "dynamic-forward", "dynamic-reverse", NONE})
 """The entries of such a text."""
 
-AT_REST = "The test began at rest, as SysId asks for, and its first speed is next to 0: the fit begins there, at no input."
+AT_REST = "The test began at rest, as SysId requires, and its first speed is almost 0: the fit begins there, with zero input."
 """The finding for a test that `begins_at_rest`."""
 _SAME_LOOP = 0.5  # of the time between two loops
 _SLOW = 0.01  # of the largest speed in a test: one that turns at first turns faster

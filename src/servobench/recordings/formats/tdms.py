@@ -276,7 +276,7 @@ def _own(text: str, groups: dict[str, Sequence[Any]], name: str) -> tuple[Record
     try:
         return tuple(recording(one) for one in described["recordings"])
     except (KeyError, TypeError) as error:
-        raise FormatError(f"{name}: what its property `{_OURS}` says isn't so ({error!r})") from None
+        raise FormatError(f"{name}: its property `{_OURS}` doesn't describe the file ({error!r})") from None
 
 
 def _values(channel: Any, name: str) -> Array:

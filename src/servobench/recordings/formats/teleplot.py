@@ -104,7 +104,7 @@ def _recording(
             Column(heading=Heading(name=label.name, unit=label.unit), values=values, t=1e-3 * (t - first))
         )
     if len(others):
-        sentence = f"Lines that aren't a name, a time and a value, which aren't read: {in_words(others)}."
+        sentence = f"Lines that aren't a name, a time and a value aren't read: {in_words(others)}."
         notes.append(info("rows-text", sentence, rows=(int(others[0]), int(others[-1]))))
     source = Source(name=path.name, format="teleplot")
     return recording_of(columns, name=path.stem, source=source, findings=(*findings, *notes))

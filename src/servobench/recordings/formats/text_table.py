@@ -534,7 +534,7 @@ def _about_unused(unused: Sequence[_Names], layout: Layout, has_header: bool) ->
     findings = []
     if unused and not has_header and len(unused[-1].cells) > 1:
         *unused, last = unused
-        cells = f"{len(last.cells)} cells, the rows of numbers {layout.columns}"
+        cells = f"{len(last.cells)} cells and the rows of numbers {layout.columns}"
         why = f"has {cells}" if len(last.cells) != layout.columns else "is neither names nor numbers"
         sentence = f"Row {last.row} ({quote(last.cells)}) {why}: it isn't used."
         findings.append(warning("header-mismatch", sentence, rows=(last.row, last.row)))
@@ -725,9 +725,9 @@ def _about_faults(
     sentences = {
         "row-short": f"Fewer than {len(names)} cells, left out:",
         "row-long": f"More than {len(names)} cells, left out:",
-        "row-without-numbers": "Not one number, left out:",
-        "header-repeated": "The names of the columns stand again, which aren't read:",
-        "rows-text": "Text between the rows of numbers, which isn't read:",
+        "row-without-numbers": "Without any number, left out:",
+        "header-repeated": "Repeated names of the columns, not read:",
+        "rows-text": "Text between the rows of numbers, not read:",
         "cell-empty": "Empty cells, read as NaN:",
         _NO_NUMBER: f"Text where a number should be, such as {faults.example[:40]!r}, read as NaN:",
     }
@@ -740,9 +740,7 @@ def _about_faults(
         findings.append(_finding(info, code, sentences[code], where, _columns(by_column, names)))
     if faults.remarks:
         findings.append(
-            _finding(
-                info, "rows-remark", "Comments behind the numbers, which aren't read:", rows[faults.remarks]
-            )
+            _finding(info, "rows-remark", "Comments after the numbers, not read:", rows[faults.remarks])
         )
     spelled = nan.copy()
     for by_column in faults.cells.values():

@@ -65,7 +65,7 @@ def _about_clocks(recording: Recording, named: list[Series]) -> str:
         figure = f"{step.figure:.6g}" if step.resolution <= _COARSE * step.step else "SECONDS"
         return (
             f"the times: `{name}` is too coarse for that, but its mean step is {low:.4g} to {high:.4g} s. If the samples are "
-            f"evenly spaced, say `sample_time={figure}` (in s), or what it is exactly"
+            f"evenly spaced, say `sample_time={figure}` (in s), or the exact value"
         )
     return ""
 

@@ -88,14 +88,14 @@ def _check_span(name: str, t: Array) -> None:
     """Raise `FormatError` where increasing times t (N,) [s] lie further apart than any recording is long."""
     if len(t) > 1 and t[-1] - t[0] > _LONGEST_RECORDING * np.median(np.diff(t)):
         raise FormatError(
-            f"{name}: the times go from {t[0]:g} s to {t[-1]:g} s, more than {_LONGEST_RECORDING:g} sample times: one of them is "
-            "wrong. Correct it, or give the sample time with `sample_time=...`"
+            f"{name}: the times go from {t[0]:g} s to {t[-1]:g} s, more than {_LONGEST_RECORDING:g} sample times: one of these "
+            "times is wrong. Correct it, or give the sample time with `sample_time=...`"
         )
 
 
 def _omission(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
     samples = np.flatnonzero(which) + 1
-    sentence = f"The {role} `{name}` has no value, or an impossible one, and is left out: {in_words(samples, 'sample')}."
+    sentence = f"Samples where the {role} `{name}` has no or an impossible value are left out: {in_words(samples, 'sample')}."
     # Of an input that isn't known it isn't known either what it did; an output may well come now and then.
     severity = warning if role == "input" else info
     return severity("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))
@@ -134,7 +134,7 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
         remedy = (
             "Sort the rows by it"
             if is_out_of_order(t)
-            else "Cut several runs, or a counter that wrapped, into one file each"
+            else "Put each run, or each stretch between wraps of the counter, into its own file"
         )
         raise FormatError(
             f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. {remedy}; or name another "
@@ -150,8 +150,8 @@ def _check_no_overflow(name: str, t: Array, k: int, often: str) -> None:
         return
     raise FormatError(
         f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}, as a {counter} does when it "
-        f"overflows. If the samples are evenly spaced, say `sample_time={step.figure:.6g}` (in s), the mean step; otherwise cut "
-        "the recording there"
+        f"overflows. If the samples are evenly spaced, say `sample_time={step.figure:.6g}` (in s), the mean step; otherwise "
+        "split the recording there"
     )
 
 

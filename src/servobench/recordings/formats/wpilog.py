@@ -72,7 +72,7 @@ def _foreign(log: Log, path: Path) -> tuple[Recording, ...]:
         )
     if len(channels) > LARGEST_TABLE:
         raise FormatError(
-            f"{path.name} has {len(channels)} channels; more than {LARGEST_TABLE} aren't read: cut out the part that is needed"
+            f"{path.name} has {len(channels)} channels; more than {LARGEST_TABLE} aren't read: extract the part that you need"
         )
     names, renamed = distinct([each.name for each in channels])
     findings = [*join_findings, *renamed, *_about_file(log, skipped), *_about_channels(channels)]
@@ -111,7 +111,9 @@ def _join(entries: Sequence[Entry]) -> tuple[list[Entry], list[Finding]]:
     joined = sorted((each for alike in by_name.values() for each in alike), key=lambda each: each.first)
     if not continued:
         return joined, []
-    sentence = f"Finished in the log and started again, and read as one channel each: {quote(continued)}."
+    sentence = (
+        f"Entries that were finished and started again are read as one channel each: {quote(continued)}."
+    )
     return joined, [info("entry-continued", sentence)]
 
 
@@ -213,7 +215,7 @@ def _about_channels(channels: Sequence[_Channel]) -> list[Finding]:
     sentences = {
         "time-sorted": (
             [f"{each.name} ({each.back})" for each in channels if each.back],
-            "Samples with an earlier stamp than one before were sorted in by time: {}.",
+            "Samples with an earlier stamp than one before were sorted by time: {}.",
         ),
         "time-negative": (
             [each.name for each in channels if each.t[0] < 0],

@@ -59,7 +59,7 @@ def recordings_from_pipe(
     total = _NUMBER * sum(reply["lengths"])
     if total > most:
         raise FormatError(
-            f"{name} comes to {total} bytes of numbers; of a file of its size no more than {most} are read. "
+            f"{name} expands to {total} bytes of numbers; at most {most} are read from a file of its size. "
             "If it is sound, save it without compression"
         )
     arrays = [_array(rest, length) for length in reply["lengths"]]

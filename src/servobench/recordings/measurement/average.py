@@ -35,7 +35,7 @@ class Average:
     window: float = field(metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
-        check_positive("the time that `average` goes over", self.window, "s")
+        check_positive("the window of `average`", self.window, "s")
 
     @classmethod
     def parse(cls, arguments: tuple[str, ...]) -> Self:
@@ -44,7 +44,7 @@ class Average:
         if symbol in ("", "sample", "samples") and number.is_integer():
             raise UsageError(
                 f"`average {' '.join(arguments)}`: that is a number of samples, and the stage takes a time, as the firmware may "
-                f"sample faster than the record. Multiply by the sample time of what averages: {number:g} samples of 1 ms are "
+                f"sample faster than the record. Multiply by the sample time of the averaging: {number:g} samples of 1 ms are "
                 f"`average {number:g} ms`"
             )
         return cls(window=quantity_in("s", "average", arguments, cls.examples))

@@ -210,7 +210,7 @@ class Chain:
         x = np.asarray(x, dtype=np.float64)
         if t.ndim != 1 or x.ndim not in (1, 2) or len(x) != len(t):
             raise UsageError(
-                f"a chain got samples of shape {x.shape} at times of shape {t.shape}; expected as many of both"
+                f"a chain got samples of shape {x.shape} at times of shape {t.shape}; expected the same number of both"
             )
         if (np.diff(t) <= 0.0).any():
             raise UsageError("a chain got times that don't increase everywhere")

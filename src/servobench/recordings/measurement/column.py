@@ -61,7 +61,7 @@ def input_and_output(recording: Recording) -> tuple[Series, Series]:
     named = {"input": recording.input, "output": recording.output}
     channels = ", ".join(repr(series.channel.name) for series in recording.series)
     for role, name in named.items():
-        what = "what drives the motor" if role == "input" else "what was measured of its shaft"
+        what = "what drives the motor" if role == "input" else "what was measured on its shaft"
         example = "V" if role == "input" else "rad"
         if name is None:
             missing.append(
@@ -122,7 +122,7 @@ def _check_times(source: str, role: str, column: Column) -> None:
     raise UsageError(
         f"{source}: the times of the {role} {column.name!r} don't increase in {len(backwards)} places, the first from row "
         f"{column.rows[k]} ({column.t[k]:.9g} s) to row {column.rows[k + 1]} ({column.t[k + 1]:.9g} s); "
-        "name the right column with `time=...`, or leave the doubled rows out"
+        "name the right column with `time=...`, or remove the repeated rows"
     )
 
 

@@ -215,7 +215,7 @@ class Dataset:
         keep_out = (self.t_output >= start) & (self.t_output < end)
         if keep_out.sum() < 2:
             raise UsageError(
-                f"{self.name}: between {start:g} s and {end:g} s there are less than two samples"
+                f"{self.name}: between {start:g} s and {end:g} s there are fewer than two samples"
             )
         keep_in = (self.t_input >= start) & (self.t_input < end)
         earlier = np.flatnonzero(self.t_input < start)

@@ -18,8 +18,8 @@ def grid_step(x: Array) -> float | None:
     """Return the step of the grid that all values x (N,) lie on, or None where they lie on none.
 
     The distances between distinct values, in order, have to be whole multiples of one step, up to what printing with
-    a few digits leaves. A ramp at constant speed looks like a grid as well: so either values have to repeat, or
-    at least three different multiples have to occur.
+    a few digits leaves. A ramp at constant speed looks like a grid as well: so either half of the values have to repeat, or
+    at least three different multiples have to occur, or values that last for three different numbers of samples.
     """
     values = np.unique(x)
     steps = np.diff(values)
@@ -31,7 +31,13 @@ def grid_step(x: Array) -> float | None:
         multiples = np.rint(steps * divisor / steps.min())
         step = float(steps.sum() / multiples.sum())
         fits = np.abs(steps / step - multiples).max() <= _MISFIT
-        evident = len(np.unique(multiples)) >= 3 or len(steps) < 0.5 * len(x)
+        evident = len(np.unique(multiples)) >= 3 or len(steps) < 0.5 * len(x) or _lasting(x) >= 3
         if fits and evident and step > _FINEST * span:
             return step
     return None
+
+
+def _lasting(x: Array) -> int:
+    """The number of different times, in samples, for which a value lasts, those at the start and the end of x (N,) left out."""
+    changes = np.flatnonzero(np.diff(x) != 0)
+    return len(np.unique(np.diff(changes)))

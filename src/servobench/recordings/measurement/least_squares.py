@@ -34,7 +34,7 @@ class LeastSquares:
     window: float = field(metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
-        check_positive("the time that `least_squares` goes over", self.window, "s")
+        check_positive("the window of `least_squares`", self.window, "s")
 
     @classmethod
     def parse(cls, arguments: tuple[str, ...]) -> Self:

@@ -184,7 +184,7 @@ def _check_chains(recording: Recording, column: Column, kind: Kind, declared: Ch
         applied.yields(kind)
     except UsageError as error:
         raise UsageError(
-            f"{what}, so `{applied}` can't be applied to it: {error}. If it was recorded behind that chain, declare "
+            f"{what}, so `{applied}` can't be applied to it: {error}. If it was recorded after that chain, declare "
             "it as the recording's own chain"
         ) from None
 
@@ -315,7 +315,7 @@ def _fractions(column: Column) -> list[Finding]:
         return []
     sentence = (
         f"{column.name!r} is said to be in counts, but {len(broken)} of its {len(column.x)} values aren't whole numbers, such as "
-        f"{broken[0]:.6g}. Name the unit that it has with `output=COL:UNIT`, or what averages the counts with `chain=...`."
+        f"{broken[0]:.6g}. Give its real unit with `output=COL:UNIT`, or the stage that averages the counts with `chain=...`."
     )
     return [warning("counts-not-whole", sentence)]
 

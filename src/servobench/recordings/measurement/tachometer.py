@@ -30,7 +30,7 @@ class Tachometer:
     window: float = field(metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
-        check_positive("the time that `tachometer` goes over", self.window, "s")
+        check_positive("the window of `tachometer`", self.window, "s")
 
     @classmethod
     def parse(cls, arguments: tuple[str, ...]) -> Self:

@@ -284,7 +284,7 @@ def read_chunk(body: bytes, decompressor: zstandard.ZstdDecompressor) -> bytes:
     try:
         claimed = zstandard.get_frame_parameters(packed).content_size
         if claimed != size or size > LARGEST_CHUNK:
-            raise Damaged("a chunk is larger than any that is written")
+            raise Damaged("a chunk is larger than any that servobench writes")
         data = decompressor.decompress(packed, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise Damaged("a chunk can't be decompressed") from error

@@ -207,7 +207,7 @@ def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes, int]]:
         end += mcap.RECORD_HEAD + length
         if op in (Op.METADATA, Op.CHUNK):
             if length > mcap.LARGEST_RECORD:
-                raise Damaged("a record is larger than any that is written")
+                raise Damaged("a record is larger than any that servobench writes")
             body = file.read(length)
         else:
             body = b""

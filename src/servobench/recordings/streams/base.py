@@ -81,7 +81,7 @@ def stream_of(source: str) -> Stream:
     if not Path(source).exists():
         kinds = ", ".join(f"{each}:..." for each in STREAMS.names() if each != "standard_input")
         raise UsageError(
-            f"{source!r} is no source of rows: expected -, a serial port, a file that exists, or one of {kinds}"
+            f"{source!r} isn't a source of rows: expected -, a serial port, a file that exists, or one of {kinds}"
         )
     return _make("file", source)
 

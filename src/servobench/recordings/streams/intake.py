@@ -110,8 +110,8 @@ class Intake:
             )
         if self._order and self._order.damaged:
             left_out.append(
-                f"{count_text(self._order.damaged, 'row')} of the stream with times that don't fit the rows around, "
-                "as of a clock that runs backwards or jumps"
+                f"{count_text(self._order.damaged, 'row')} of the stream with times that don't fit their neighbours', "
+                "as from a clock that runs backwards or jumps"
             )
         severity = warning if self.damaged > _FEW_DAMAGED * self.rows else info
         about_damage = [severity("stream-damaged", f"Left out: {'; '.join(left_out)}.")] if left_out else []
@@ -120,7 +120,7 @@ class Intake:
     def _possible(self, rows: Rows) -> Array:
         if self._names and rows.names != self._names and len(rows.values):
             raise UsageError(
-                f"{self._name}: the columns changed from {self._names} to {rows.names}; begin again"
+                f"{self._name}: the columns changed from {self._names} to {rows.names}; start again"
             )
         self._names = self._names or rows.names
         good = (np.abs(rows.values) <= LARGEST_VALUE).all(axis=1)
@@ -259,7 +259,7 @@ def _about_order(order: RowOrder) -> Iterator[Finding]:
     if order.clock_wraps:
         yield info(
             "stream-clock-wraps",
-            f"The clock of the stream wrapped {count_text(order.clock_wraps, 'time')}; that is taken out.",
+            f"The clock of the stream wrapped {count_text(order.clock_wraps, 'time')}; the jumps are removed.",
         )
     if order.rate_changes:
         rates = ", ".join(f"{rate * 1e3:.4g} ms" for rate in order.rates)
@@ -270,5 +270,5 @@ def _about_order(order: RowOrder) -> Iterator[Finding]:
     if order.restarts:
         yield info(
             "stream-restarts",
-            f"The clock of the stream began again {count_text(order.restarts, 'time')}; what follows is a recording of its own.",
+            f"The clock of the stream started again {count_text(order.restarts, 'time')}; what follows is another recording.",
         )

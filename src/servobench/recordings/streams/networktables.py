@@ -50,7 +50,7 @@ class NetworkTables:
         names = [each.rpartition("/")[2] for each in self._topics]
         if not host or len(names) < 2 or len(set(names)) < len(names) or (colon and not port.isdecimal()):
             raise UsageError(
-                f"networktables:{rest}: expected a host and topics of different last names, the position last, such as "
+                f"networktables:{rest}: expected a host and topics with different last names, the position last, such as "
                 "networktables:10.12.34.2/drive/voltage,/drive/position"
             )
         self._host, self._port = host, int(port or _PORT)

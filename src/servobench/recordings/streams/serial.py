@@ -52,10 +52,10 @@ class SerialPort:
             number = getattr(error, "errno", None)
             why = os.strerror(number) if number else error
             if number == errno.EAGAIN:  # the lock of the port
-                why = "another program has it"
-            what = "look at the cable, and close other programs that have it"
+                why = "another program is using it"
+            what = "check the cable, and close other programs that use it"
             if number == errno.EACCES:
-                what = "become a member of its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in anew"
+                what = "join its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in again"
             raise UsageError(f"{self._port} can't be opened ({why}): {what}") from None
         self._pump = Pump(self._fetch)
         return self

@@ -26,7 +26,7 @@ class StandardInput:
 
     def __init__(self, rest: str = "") -> None:
         if rest:
-            raise UsageError(f"standard input takes no {rest!r}: say - alone")
+            raise UsageError(f"standard input takes no {rest!r}: write - alone")
         self._table = LineTable()
         self._pump: Pump | None = None
         self._ended = False

@@ -49,7 +49,7 @@ class Udp:
         except OSError as error:
             self._socket.close()
             raise UsageError(
-                f"{self.name} can't be listened at: {error.strerror or error}; end the program that has it, or use another"
+                f"can't listen on {self.name}: {error.strerror or error}; end the program that uses it, or choose another port"
             ) from None
         return self
 

@@ -44,7 +44,7 @@ PERIODS_WATCHED = 2  # the watchdog has to last for as many sample times
 FAULTS = {
     "watchdog": "its watchdog tripped: no voltage came for {watchdog_ms} ms; close what keeps the computer busy, or give it more "
     "time (watchdog = 200 ms)",
-    "stall": "the shaft stood still for 3 s although it was driven, and the board cut the motor off; look what blocks it, or "
+    "stall": "the shaft stood still for 3 s although it was driven, and the board cut the motor off; check what blocks it, and "
     "whether the encoder is connected",
     "encoder": "the encoder made transitions that no encoder makes; look at its plug, its supply and the length of its cable",
     "table_empty": "the voltages of a run came too late; close what keeps the computer busy",
@@ -233,7 +233,7 @@ class Rig:
         """Send the reference of the board's law, once for each block of samples; return what it put out with the last sample."""
         talk = self._needs_port()
         if not math.isfinite(reference):
-            raise UsageError(f"rig: {reference!r} is no reference; expected a finite number")
+            raise UsageError(f"rig: {reference!r} isn't a reference; expected a finite number")
         if self._following and not self._samples:
             counts = round(self._following.counts * reference)
             try:
@@ -284,7 +284,7 @@ class Rig:
                 self._raise_lost(error)
             if talk.silent > PATIENCE or talk.received > most:
                 raise DeviceError(
-                    f"rig: no sample came from {self.settings.port} for {PATIENCE:g} s; look at its supply and its cable"
+                    f"rig: no sample came from {self.settings.port} for {PATIENCE:g} s; check its supply and its cable"
                 )
         sample = self._samples.popleft()
         self._tick = sample.index
@@ -333,7 +333,7 @@ class Rig:
                     return
         instead = ", though something is sent there" if talk.received else ""
         raise DeviceError(
-            f"rig: nobody at {self.settings.port} speaks the rig's protocol at {self.settings.baud} baud{instead}; flash the "
+            f"rig: no board at {self.settings.port} speaks the rig's protocol at {self.settings.baud} baud{instead}; flash the "
             "firmware (make -C firmware flash), or give the port and the baud rate it was built for"
         )
 

@@ -115,7 +115,7 @@ def run(
     if look is not None and device.info.timing != "virtual":
         raise UsageError(
             f"the device {device.info.name!r} runs by {device.info.timing} time, and looking at the data during the "
-            "run would delay its loop: run longer without `look` (`until=...`)"
+            "run would delay its loop: leave `look` (`until=...`) out, and run longer"
         )
     device = device if isinstance(device, Guarded) else Guarded(device, experiment.limits)
     preload(device, experiment)

@@ -56,8 +56,8 @@ def read_secret(path: Path) -> bytes:
         length = f"more than {_LARGEST}" if len(known) > _LARGEST else str(len(known))
         raise UsageError(
             f"the secret {path} has {length} bytes; expected {LENGTH} to {_LARGEST}, random ones, as "
-            "`servobench lab assess EXERCISE ROSTER` writes them "
-            "to a file that isn't there yet"
+            "`servobench lab assess EXERCISE ROSTER` writes "
+            "to a new file"
         )
     return known
 

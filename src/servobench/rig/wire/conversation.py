@@ -108,7 +108,7 @@ class Conversation:
                 if name == "status" and heard["command"] == code and heard["ack"] == number:
                     return heard
         raise DeviceError(
-            f"rig: {self.name} didn't answer {message} for {PATIENCE:g} s; look at its supply and its cable"
+            f"rig: {self.name} didn't answer {message} for {PATIENCE:g} s; check its supply and its cable"
         )
 
     def _count_refusal(self, status: dict[str, Any]) -> None:

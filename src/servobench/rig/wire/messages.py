@@ -86,7 +86,7 @@ class Message:
         """Return the values of a payload by the fields' names, `sequence` included. Raises `FormatError` for another length."""
         if len(payload) != self.struct.size:
             raise FormatError(
-                f"a {self.name} of {len(payload)} bytes; expected {self.struct.size}: host and firmware differ, flash it anew"
+                f"a {self.name} of {len(payload)} bytes; expected {self.struct.size}: host and firmware differ; flash it again"
             )
         _, sequence, *numbers = self.struct.unpack(payload)
         values: dict[str, Any] = {"sequence": sequence}

@@ -27,16 +27,16 @@ class SerialPort:
             number = getattr(error, "errno", None)
             why = os.strerror(number) if number else str(error)
             if number == errno.EAGAIN:  # the lock of the port
-                why = "another program has it"
+                why = "another program is using it"
             what = (
                 "plug the board in, close other programs that use the port, or give another one (python -m "
                 "serial.tools.list_ports)"
             )
             if number == errno.EACCES:
-                what = "become a member of its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in anew"
+                what = "join its group (Debian, Ubuntu: sudo usermod -aG dialout $USER) and log in again"
             if "@" in name:
                 port, _, rate = name.rpartition("@")
-                what = f"its rate stands behind it: {port} baud={rate}"
+                what = f"the rate comes after it: {port} baud={rate}"
             raise DeviceError(f"rig: the port {name} can't be opened ({why}); {what}") from None
 
     def read(self) -> bytes:

@@ -58,7 +58,7 @@ class Drive:
             how = f"as {growth}e^({plain(self.rate)}/s · t)"
         size = "swings that grow" if self.pole.imag else "an output that grows"
         first = f", {plain(self.coefficient)} {_unit(self.system, self.power)}" if not self.rate else ""
-        return f"{what} as input, bounded as it is, gives {size} {how}{first}."
+        return f"{what} as input, although bounded, gives {size} {how}{first}."
 
 
 def drive_off(system: TransferFunction, poles: Sequence[Pole]) -> Drive | None:

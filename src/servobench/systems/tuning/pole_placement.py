@@ -150,7 +150,7 @@ def _lead(motor: FirstOrderMotor, wish: Wish, poles: Sequence[complex]) -> Lead:
             wish, "pole_placement", "lead with the position, and pid and state_feedback with both"
         )
     if len(poles) != 2:
-        raise UsageError("`poles=...`: behind a lead compensator the position has two poles; expected two")
+        raise UsageError("`poles=...`: with a lead compensator the position has two poles; expected two")
     h, tau = wish.sample_time, motor.time_constant.value
     digits = digits_for(poles)
     zero = as_printed(2 / h * math.tanh(0.5 * h / tau), digits)

@@ -100,7 +100,7 @@ def ticks_of(motor: FirstOrderMotor, sample_time: float, crossover: float) -> in
     if sample_time < shortest:
         raise UsageError(
             f"`sample_time={sample_time:g}`: the step response of a loop with its crossover at {crossover:.3g} rad/s takes more "
-            f"than {_MOST_TICKS} ticks of that; expected {1.1 * shortest:.2g} s at least, with which its gains are about the same"
+            f"than {_MOST_TICKS} such ticks; expected {1.1 * shortest:.2g} s at least, with which its gains are about the same"
         )
     length = _LENGTHS * max(1 / crossover, motor.time_constant.value)
     return min(math.ceil(length / sample_time), _MOST_TICKS)
@@ -118,13 +118,13 @@ def check_sample_time(poles: Sequence[complex], motor: FirstOrderMotor, sample_t
     if sample_time < _LEAST / sum(sizes) / _MOST_TICKS:
         raise UsageError(
             f"`sample_time={sample_time:g}`: the step response of a loop with a pole at {min(sizes):.3g} rad/s takes more than "
-            f"{_MOST_TICKS} ticks of that; expected {min(enough, 0.1 / max(sizes)):.2g} s at least, with which its gains are "
+            f"{_MOST_TICKS} such ticks; expected {min(enough, 0.1 / max(sizes)):.2g} s at least, with which its gains are "
             "about the same"
         )
     if motor.delay > _MOST_DELAYED * sample_time:
         raise UsageError(
-            f"`sample_time={sample_time:g}`: the motor's delay of {motor.delay:.3g} s takes more than {_MOST_DELAYED} ticks of "
-            f"that; expected {1.1 * motor.delay / _MOST_DELAYED:.2g} s at least, with which the gains are about the same"
+            f"`sample_time={sample_time:g}`: the motor's delay of {motor.delay:.3g} s takes more than {_MOST_DELAYED} such "
+            f"ticks; expected {1.1 * motor.delay / _MOST_DELAYED:.2g} s at least, with which the gains are about the same"
         )
 
 

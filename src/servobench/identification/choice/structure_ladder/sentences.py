@@ -30,9 +30,9 @@ _SAYS = {
     "coulomb_gravity": "Gravity acts on the shaft, as on an arm or a pendulum, and so does Coulomb friction",
     "asymmetric": "Friction differs between the two directions",
     "load": "Friction grows with gravity's load on the shaft",
-    "winding": "A second lag is needed, as that of the winding's inductance",
+    "winding": "A second lag is needed, such as that of the winding's inductance",
 }
-_MEASURED = "There is a second lag, the winding's or that of whatever filtered the speed"
+_MEASURED = "There is a second lag, that of the winding or of a filter on the speed"
 """In place of the winding's inductance where it isn't known how a speed was measured."""
 
 
@@ -88,7 +88,7 @@ def stop_finding(fit: Fit, shown: Sequence[TermScore], refused: dict[str, Rung])
     # A rung that was tried on a hint, and explained nothing, is no news.
     if refused and (strong or not explains_the_colour(fit)):
         reasons = "; ".join(f"{TERMS[term]} ({rung.doubt.rstrip('.')})" for term, rung in refused.items())
-        sentence += f" Something remains unexplained, but the data don't show that it is {reasons}."
+        sentence += f" Something remains unexplained. Tried and left out: {reasons}."
     else:
         sentence += " The data show no further friction or gravity."
     return info("structure-chosen", sentence)

@@ -86,7 +86,7 @@ def try_rung(
         starts = (_embed(plain, structure, data), *structure.guesses(data))
         nearest = best_minimum(structure, data, starts)
         if not worth_it(nearest, data, plain, among=len(TERMS)):
-            return Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
+            return Rung(term=term, plain=plain, fit=fit, doubt="no better fit")
         if method is ESTIMATORS["output_error"]:
             # Most rungs end here; their intervals near bounds, which aren't shown, would take longer than everything else.
             doubt = _early_doubt(
@@ -132,7 +132,7 @@ def _doubt(term: str, is_significant: bool, richer: Fit, allowed: Fit, fit: Fit)
     A term of unknown size is only kept if the data need it and its absence would move gain or time constant.
     """
     if not richer.converged:
-        return "the search for it doesn't settle"
+        return "its search doesn't converge"
     about_lag = about_winding(allowed)
     if about_lag:
         return about_lag[0].sentence
@@ -167,10 +167,10 @@ def feedback_refusal(term: str, allowed: Fit, fit: Fit) -> tuple[str, Finding | 
     if worth <= chance or not shifts_parameters(allowed, fit):
         return doubt, None
     sentence = (
-        f"This closed loop doesn't show whether there is {TERMS[term]}: with it the gain would be "
-        f"{change_text(allowed.model['gain'], fit.model['gain'])}. Chance alone seldom gives a likelihood ratio of "
-        f"{number(worth, 2)} (it exceeds {number(chance, 2)} once in 20 runs), but the controller responds to a random torque: "
-        "record a longer run, larger steps, or one in open loop."
+        f"This closed loop doesn't show whether there is {TERMS[term]}, with which the gain would be "
+        f"{change_text(allowed.model['gain'], fit.model['gain'])}. The likelihood ratio, {number(worth, 2)}, is seldom due to "
+        f"chance (once in 20 runs it exceeds {number(chance, 2)}), but the controller responds to a random torque: "
+        "record a longer run, larger steps, or an open loop."
     )
     return doubt, warning("term-hidden", sentence, parameters=("gain", "time_constant"))
 

@@ -146,7 +146,7 @@ def search_maximum(layout: Layout, theta: Array, s: float, floor: float) -> Opti
         near, here = moved
         if float(change @ here.information @ change) <= _ENOUGH:
             return Optimum(near, here, True, f"converged in {step} rounds")
-    return Optimum(near, here, False, f"did not settle within {_ROUNDS} rounds")
+    return Optimum(near, here, False, f"did not converge within {_ROUNDS} rounds")
 
 
 def _near(layout: Layout, theta: Array, s: float) -> Near:

@@ -85,7 +85,7 @@ def stretches(data: Dataset) -> tuple[Stretch, ...]:
     """
     if not is_regular(data):
         raise NotIdentifiable(
-            f"{data.name}: a frequency response can't be taken at irregular times; output_error can work on them"
+            f"{data.name}: a frequency response can't be taken at irregular times; output_error can use them"
         )
     data = from_first_output(data)
     first = int(np.argmax(data.valid)) if data.valid.any() else len(data.y)
@@ -94,7 +94,7 @@ def stretches(data: Dataset) -> tuple[Stretch, ...]:
         what = "the input doesn't change" if len(u) and np.ptp(u) == 0 else "the output doesn't change"
         raise NotIdentifiable(
             f"{data.name}: {f'{len(u)} samples are too few' if len(u) < 2 * _FEWEST else what}; "
-            "there is no frequency response in it: record a changing input for longer"
+            "the record has no frequency response: record a changing input for longer"
         )
     runs = sines(u)
     if runs:

@@ -103,7 +103,7 @@ def hold_response(system: TransferFunction, omega: Array, sample_time: float) ->
     order = len(system.denominator) - 1
     if len(system.numerator) > order:
         raise UsageError(
-            f"the output of {system} jumps with the input: its samples have no value there; use a proper one"
+            f"the output of {system} jumps with the input: its samples have no value there; use a proper transfer function"
         )
     whole = float(np.floor(system.delay / sample_time))
     rest = system.delay - whole * sample_time

@@ -139,8 +139,8 @@ def remarks(records: Sequence[Dataset], points: Points) -> list[Finding]:
             warning(
                 "friction-in-response",
                 "The motor turned both ways, so any Coulomb friction biases gain and time constant: it makes the "
-                "frequency response smaller and dependent on the amplitude. Excite the motor about a speed that "
-                "keeps its sign, or use output_error with first_order_coulomb.",
+                "frequency response smaller and dependent on the amplitude. Keep the motor turning one way while "
+                "you excite it, or use output_error with first_order_coulomb.",
                 parameters=("gain", "time_constant"),
             )
         )

@@ -77,12 +77,12 @@ def guesses_from_motion(structure: FrictionAndGravity, data: Sequence[Dataset]) 
 def _check_angle(data: Dataset) -> None:
     if data.kind == "speed":
         raise NotIdentifiable(
-            f"{data.name}: gravity depends on the angle, and the output is a speed: record the position of the arm"
+            f"{data.name}: gravity depends on the angle, but the output is a speed: record the position of the arm"
         )
     if data.position_unit != "rad":
         raise NotIdentifiable(
-            f"{data.name}: gravity depends on the angle, and the position is in {data.position_unit}, and how many "
-            "make a turn isn't known: give its unit (deg, rev), or the counts per revolution"
+            f"{data.name}: gravity depends on the angle, but the position is in {data.position_unit}, and it isn't "
+            "known how many make a turn: give its unit (deg, rev), or the counts per revolution"
         )
 
 

@@ -39,7 +39,7 @@ def goal_finding(data: Dataset) -> Finding | None:
         )
     return warning(
         "input-is-a-goal",
-        f"{follows} A load, such as gravity, or a limit keeps it off its target, which the position_loop structures "
+        f"{follows} A load, such as gravity, or a limit keeps the position off its target, which the position_loop structures "
         "can't describe; remove the load, or record the motor's voltage.",
     )
 

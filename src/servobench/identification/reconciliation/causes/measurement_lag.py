@@ -89,7 +89,7 @@ class MeasurementLag:
         if question.origin == "claim" and question.lags is not None and "time_constant" in question.names:
             bare = with_unit(question.before["time_constant"], "s", 3)
             return Decision(
-                sentence="Find out which filter the claimed figure was read through, and read it again without: "
+                sentence="Find out which filter the claimed figure was read through, and read it again without it: "
                 f"behind {self.amount(question, size)} this motor reads "
                 f"{with_unit(question.after['time_constant'], 's', 3)}, without a filter {bare}."
             )
@@ -110,7 +110,7 @@ def _why_not(question: Question) -> str:
         return "the method can't be applied: these data have no steps that settle"
     chains = {str(record.data.chain) for record in question.fit.records} - {""}
     known = f"`{' or '.join(sorted(chains))}` is known" if chains else "the data are positions"
-    return f"{known}, and the prediction goes through what was measured"
+    return f"{known}, and the prediction allows for the measurement"
 
 
 CAUSES.member("measurement_lag")(MeasurementLag())

@@ -18,9 +18,7 @@ class TimeUnit:
     """A factor on the claimed time alone: τ is wrong by it, K isn't."""
 
     label: str = "unit of time"
-    law: str = (
-        "Milliseconds or minutes taken for seconds make a time constant 1000 or 60 times as long or short."
-    )
+    law: str = "Milliseconds or minutes read as seconds, or the reverse, change a time constant by a factor of 1000 or 60."
     occurrence: float = 0.02
     not_with: tuple[str, ...] = ()
 
@@ -53,7 +51,7 @@ class TimeUnit:
     def decision_for(self, question: Question, size: float) -> Decision:
         """Look at the figure's unit."""
         return Decision(
-            sentence="Look where the figure comes from: is it in s, ms or min? Say it, such as tau=130ms."
+            sentence="Check the source of the figure: is it in s, ms or min? Give its unit, such as tau=130ms."
         )
 
 

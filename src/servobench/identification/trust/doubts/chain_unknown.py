@@ -49,8 +49,8 @@ def _chain_unknown(data: Dataset) -> list[Finding]:
             info(
                 "chain-unknown",
                 f"{data.name}: it isn't known how this speed was measured, so the time constant "
-                "and delay include the measurement's. Differenced counts lag by half a sample "
-                f"({500 * data.sample_time:.3g} ms), a filter or an average by its own lag; name "
+                "and delay include the lag of the measurement. Differenced counts add half a sample "
+                f"({500 * data.sample_time:.3g} ms), a filter or an average its own lag; name "
                 "the chain with `chain=...`, or record the position.",
                 parameters=("time_constant", "delay"),
             )

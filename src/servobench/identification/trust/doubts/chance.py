@@ -45,7 +45,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if as_good < _AS_GOOD:
         return []
     sentence = (
-        f"The input explains the output no better than chance does: of {_ORDERS} other orders of the same levels {as_good} "
+        f"The input explains the output no better than chance does: {as_good} of {_ORDERS} other orders of the same levels "
         "explain as much. Either the input changes between the samples, unseen, or this column doesn't drive this motor: record "
         "faster than the input changes, and check the columns."
     )

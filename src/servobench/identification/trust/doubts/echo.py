@@ -16,6 +16,8 @@ _EQUAL = 0.02  # of the largest level, or error: how near an output comes to its
 _SETTLED = 10  # samples at the end of a level
 _STILL_GOES = 0.005  # of the largest level, within these samples: a speed that still changes passes any value
 _BENT = 1e-3  # of its range: what lies nearer to a line is one, but for rounding
+_START, _PARTS = 3, 10  # samples at the start of a record, and parts, the last of which is its end
+_LARGE, _SMALL = 0.5, 0.1  # of the largest input: what an error is at the start of a step, and at its end
 _ALIKE = 0.9999  # correlation: not even a motor without lag follows its input so well, sample by sample
 
 
@@ -31,10 +33,12 @@ def _of(data: Dataset) -> list[Finding]:
     speed = smooth_speed(data)
     for what, y in (("the output", data.y), ("the output's speed", speed)):
         if (
-            _alike(u, y)
-            and _alike(_bend(u, data.t_output), _bend(y, data.t_output))
+            alike(u, y)
+            and alike(_bend(u, data.t_output), _bend(y, data.t_output))
             and not _is_the_controllers(data, u, y)
         ):
+            if _brings_it_to_rest(data, u):
+                return [_proportional(data)]
             sentence = (
                 f"{data.name}: the input is {what} rescaled: this column was measured at the shaft "
                 "and doesn't drive the motor. Name the voltage's column with `input=COL:UNIT`; if "
@@ -44,8 +48,8 @@ def _of(data: Dataset) -> list[Finding]:
     return []
 
 
-def _alike(u: Array, y: Array) -> bool:
-    """Whether two series (N,) are the same but for scale and offset."""
+def alike(u: Array, y: Array) -> bool:
+    """Return whether two series (N,) are the same but for scale and offset."""
     return bool(np.ptp(u) > 0 and np.ptp(y) > 0 and abs(float(np.corrcoef(u, y)[0, 1])) > _ALIKE)
 
 
@@ -67,6 +71,30 @@ def _is_the_controllers(data: Dataset, u: Array, y: Array) -> bool:
     reference = np.interp(data.t_output, data.t_input, data.reference)
     near = max(_EQUAL * float(np.abs(reference - y).max()), data.quantum or 0.0)
     return bool(np.abs(-offset / slope - reference).max() <= near)
+
+
+def _brings_it_to_rest(data: Dataset, u: Array) -> bool:
+    """Whether the input drives a position to where the input is nothing, and is large where it starts: so does an error.
+
+    A column that was measured at the shaft has no reason to be zero there. A reference that the file has says more than this.
+    """
+    if data.kind != "position" or data.reference is not None:
+        return False
+    first, last = float(u[:_START].mean()), float(u[-max(1, len(u) // _PARTS) :].mean())
+    largest = float(np.abs(u).max())
+    goes = float(data.y[-1] - data.y[0])
+    return first * goes > 0 and abs(first) > _LARGE * largest and abs(last) < _SMALL * largest
+
+
+def _proportional(data: Dataset) -> Finding:
+    sentence = (
+        f"{data.name}: the input falls in proportion to the output and ends at zero, as a proportional controller's does "
+        "after one step of its reference. Such a step shows gain and time constant only together with all else in the "
+        "loop: a delay, friction, a limit of the voltage that isn't in the file. Record several steps of the reference, "
+        "name its column with `reference=COL`, or drive the motor without the controller. If this column was measured at "
+        "the shaft, name the voltage's."
+    )
+    return warning("loop-proportional", sentence, parameters=("gain", "time_constant"))
 
 
 def _settles_at_it(data: Dataset) -> list[Finding]:
@@ -100,4 +128,6 @@ def input_held(data: Dataset, end: float) -> float:
     return float(data.u[max(int(np.searchsorted(data.t_input, end, side="left")) - 1, 0)])
 
 
-DOUBTS.member("echo")(Doubt(codes=("input-is-output", "input-settles-at-output"), about_data=_about))
+DOUBTS.member("echo")(
+    Doubt(codes=("input-is-output", "input-settles-at-output", "loop-proportional"), about_data=_about)
+)

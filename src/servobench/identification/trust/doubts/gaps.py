@@ -1,4 +1,4 @@
-"""Uneven times, and gaps in which the input isn't known."""
+"""Uneven times, gaps in which the input isn't known, and rows that were read late."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from servobench.recordings.measurement.dataset import Dataset
 _CHANGED = 0.05  # of the input's range: a smaller change over a gap doesn't matter
 # What a run of ours says of itself: in ticks that were missed nothing was written, in rows that were lost something was.
 _HELD, _ROWS_LOST = "samples-missed", "rows-not-recorded"
+_BESIDE, _SEVERAL = 5, 3  # rows to either side of a gap, and gaps, that show how the output goes on
+_LONG = 8.0  # steps: a shorter gap doesn't show it
+_LESS = 0.3  # of what is left over if time had gone on: it hasn't
 _IN_EVERY_ROW = (
     0.9  # of the input's values come one to a sample of the output, and not only when the input changed
 )
@@ -36,6 +39,8 @@ def _unknown_input(data: Dataset) -> list[Finding]:
     typical = float(np.median(steps))
     gaps = np.flatnonzero(steps > GAP * typical)
     gaps = gaps[~_late(data.t_input, gaps, typical)]
+    if _came_in_bursts(data, gaps):
+        return [_bursts(data, gaps)]
     unknown = [int(k) for k in gaps if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical))]
     if not unknown:
         return []
@@ -43,7 +48,7 @@ def _unknown_input(data: Dataset) -> list[Finding]:
     many = "is a gap" if len(unknown) == 1 else f"are {len(unknown)} gaps"
     sentence = (
         f"{data.name}: there {many} of up to {steps[longest]:.3g} s (at "
-        f"{data.t_input[longest]:.4g} s), and when the input changed inside it isn't known; the "
+        f"{data.t_input[longest]:.4g} s), and it isn't known when the input changed there; the "
         "model holds the last value. Cut the file at the gap and give the parts as two files, or "
         "record again without losing rows."
     )
@@ -61,6 +66,40 @@ def _late(t: Array, gaps: NDArray[np.int64], typical: float) -> NDArray[np.bool_
     expected = np.rint((t[gaps + 1] - t[gaps]) / typical)
     came = np.searchsorted(t, t[gaps + 1] + 0.5 * typical, side="right") - (gaps + 1)
     return np.asarray(came >= expected)
+
+
+def _came_in_bursts(data: Dataset, gaps: NDArray[np.int64]) -> bool:
+    """Whether the output changes over several gaps as it does from row to row, and not as it would in so much time."""
+    per_row, per_time, count = 0.0, 0.0, 0
+    steps = np.diff(data.t_output)
+    typical = float(np.median(steps))
+    for k in np.searchsorted(data.t_output, data.t_input[gaps]).tolist():
+        beside = np.append(steps[k - _BESIDE : k], steps[k + 1 : k + 1 + _BESIDE])
+        if (
+            not _BESIDE <= k < len(steps) - _BESIDE
+            or steps[k] < _LONG * typical
+            or beside.max() > GAP * typical
+        ):
+            continue
+        row = float(data.y[k + 1 + _BESIDE] - data.y[k + 1] + data.y[k] - data.y[k - _BESIDE]) / (2 * _BESIDE)
+        change = float(data.y[k + 1] - data.y[k])
+        per_row += abs(change - row)
+        per_time += abs(change - row * float(steps[k]) / typical)
+        count += 1
+    return count >= _SEVERAL and per_row < _LESS * per_time
+
+
+def _bursts(data: Dataset, gaps: NDArray[np.int64]) -> Finding:
+    t = data.t_input
+    mean = float(t[-1] - t[0]) / (len(t) - 1)
+    sentence = (
+        f"{data.name}: over {len(gaps)} gaps of up to {np.diff(t).max():.3g} s the output changes no more than from one row to "
+        "the next, so no rows are missing: they were read late and many at once, and their times are those of the reading. "
+        f"If the samples were taken evenly, give the sample time, about {mean:.3g} s, with `sample_time=...` in place of the "
+        "times."
+    )
+    rows = (int(gaps[0]) + 1, int(gaps[-1]) + 2)
+    return warning("times-of-reading", sentence, parameters=("gain", "time_constant", "delay"), rows=rows)
 
 
 def _may_have_changed(u: Array, k: int, rows: int) -> bool:
@@ -87,4 +126,6 @@ def _scatter_finding(data: Dataset) -> list[Finding]:
     return [info("time-uneven", sentence)]
 
 
-DOUBTS.member("gaps")(Doubt(codes=("gap-input-unknown", "time-uneven"), about_data=_about))
+DOUBTS.member("gaps")(
+    Doubt(codes=("gap-input-unknown", "time-uneven", "times-of-reading"), about_data=_about)
+)

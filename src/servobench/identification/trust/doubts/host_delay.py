@@ -28,7 +28,7 @@ def widen_for_host_delay(fit: Fit) -> Fit:
     added = np.zeros_like(fit.covariance)
     at = fit.model.names.index("delay")
     added[at, at] = hidden**2 / 3.0
-    reason = "when the device acted within a read or a write isn't known"
+    reason = "it isn't known when the device acted within a read or a write"
     return fit.widen(Contribution(source="reading and writing", covariance=added, reason=reason))
 
 
@@ -46,7 +46,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     sentence = (
         f"The computer needed {microseconds(hidden)} µs to read the sensors and write the voltage, "
-        "and when the device acted within that time isn't known. The delay may be longer by as "
+        "and it isn't known when within that time the device acted. The delay may be longer by as "
         "much; its interval allows for that."
     )
     return [info("delay-within-a-call", sentence, parameters=("delay",))]

@@ -13,6 +13,7 @@ from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import Layout, at, lowest
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.echo import alike
 from servobench.recordings.measurement.dataset import Dataset
 
 _NEARLY_ALL = 90.0  # percent: what explains so much, with a gain that is known, is the right kind
@@ -32,6 +33,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     if fit.fit_percent >= _NEARLY_ALL and fit.sd("gain") < abs(fit.model["gain"]):
         return []
+    if alike(np.interp(data.t_output, data.t_input, data.u), data.y):
+        return []  # a proportional controller's law, which explains the output as well as a speed would be
     same, other = _enough_of(data), _with_other_kind(data)
     wanted = max(_NEARLY_ALL, 100 - _LEFT * (100 - fit.fit_percent))
     explained = _percent_explained(other, wanted)
@@ -42,8 +45,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if not 100 - explained < _LEFT * (100 - as_said):
         return []
     sentence = (
-        f"{data.name}: the output was said to be a {data.kind}, and behaves like a {other.kind}: {_BEHAVES[other.kind]}. As a "
-        f"{other.kind} a motor explains {explained:.0f} % of it, as a {data.kind} {as_said:.0f} %. Give it the "
+        f"{data.name}: the output is declared as a {data.kind}, but behaves like a {other.kind}: {_BEHAVES[other.kind]}. A "
+        f"motor explains {explained:.0f} % of it as a {other.kind}, {as_said:.0f} % as a {data.kind}. Give it the "
         f"unit of a {other.kind}: `output=COL:{other.output_unit}`, or whichever unit it has{_way_out(data)}."
     )
     return [refusal("kind-mistaken", sentence, parameters=("gain", "time_constant"))]

@@ -13,14 +13,15 @@ _SAME = 1e-9  # of the range: what differs less is the same value, computed in t
 def lattice_step(y: Array) -> float | None:
     """Return the step q where nearly all differences of values y (N,) are multiples of q; None where they aren't.
 
-    q is the smallest difference between neighbouring distinct values that is no rounding of the file's digits.
+    q is such that all differences between neighbouring distinct values together are a whole number of it: the smallest one alone
+    would carry the rounding of the file's digits along.
     """
     values = _distinct(y[:: max(1, len(y) // _MOST)])
     if len(values) < 3:
         return float(values[1] - values[0]) if len(values) == 2 else None
     steps = np.diff(values)
     real = steps > 1e-3 * float(np.median(steps))
-    q = float(steps[real].min())
+    q = float(steps[real].sum() / np.rint(steps[real] / steps[real].min()).sum())
     multiples = (values - values[0]) / q
     off = np.abs(multiples - np.rint(multiples))
     # Every value has to be near a multiple; of values without a lattice a fifth are within a tenth of one.

@@ -8,9 +8,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 _KNOWN = 0.05  # of its value: a standard deviation beyond that is worth a sentence
 _EXPLAINED = 90.0  # percent of the output: then the intervals say how little is known
-_MORE = (
-    "a larger or richer reference (a PRBS, steps of several sizes), add a dither, or record it in open loop."
-)
+_MORE = "a larger or richer reference (a PRBS, steps of several sizes), add a dither, or record in open loop."
 
 
 def _loop_quiet(fit: Fit) -> list[Finding]:
@@ -21,7 +19,7 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
     if fit.converged and all(fit[name].sd <= _KNOWN * abs(fit[name].value) for name in names):
         return []
     if fit.converged and fit.fit_percent >= _EXPLAINED:
-        sentence = f"This closed loop tells little of the motor. For narrower intervals use {_MORE}"
+        sentence = f"This closed loop reveals little about the motor. For narrower intervals use {_MORE}"
         return [info("loop-tells-little", sentence, parameters=tuple(names))]
     sentence = (
         "In this closed loop the voltage is mostly the controller's response to noise and "

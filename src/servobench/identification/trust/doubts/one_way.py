@@ -35,8 +35,8 @@ def _one_way(fit: Fit) -> list[Finding]:
         return []
     if turns_both_ways([record.data for record in fit.records]) and not hardly_turns_back(fit):
         sentence = (
-            f"The structure {fit.structure} is that of a motor that turns one way, and this one turns both ways: friction "
-            "changes sign there, but not in this model. Use `structure=first_order_coulomb`, or leave the choice to the program."
+            f"The structure {fit.structure} is for a motor that turns one way, but this one turns both ways: its friction "
+            "changes sign, that of the model doesn't. Use `structure=first_order_coulomb`, or leave the choice to the program."
         )
         return [
             warning("structure-reverses", sentence, parameters=("gain", "time_constant", "coulomb_voltage"))

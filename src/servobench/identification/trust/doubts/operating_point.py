@@ -27,8 +27,8 @@ def _local(fit: Fit) -> list[Finding]:
     return [
         info(
             "gain-local",
-            f"The input stayed {where}: the gain and the offset hold at this operating point; "
-            "elsewhere the motor isn't known.",
+            f"The input stayed {where}: the gain and the offset hold at this operating point "
+            "only; record other levels for a wider range.",
             parameters=("gain", "coulomb_voltage"),
         )
     ]

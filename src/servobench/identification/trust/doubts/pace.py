@@ -31,8 +31,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     sentence = (
         "The input changes so slowly that the motor follows it almost without lag: the lag accounts for only "
-        f"{100 * np.sqrt(held_back / spread):.1f} % of the input. The gain is well determined, the sum of time constant and "
-        "delay better than either of the two. Record steps."
+        f"{100 * np.sqrt(held_back / spread):.1f} % of the input. The gain is well determined; the sum of time constant and "
+        "delay is known better than either of them. Record steps."
     )
     return [info("input-too-slow", sentence, parameters=("time_constant", "delay"))]
 

@@ -47,7 +47,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     )
     by = "and the intervals allow for it" if allowed_for else "perhaps by more than their intervals"
     sentence = (
-        f"The sensor is coarse: its steps are {plain(quantum, 3)} {unit}, {plain(fewest, 2)} of them {where}. "
+        f"The sensor is coarse: its steps are {plain(quantum, 3)} {unit}, only {plain(fewest, 2)} of them {where}. "
         f"Its rounding isn't random and shifts the time constant and the friction, {by}; a finer "
         "sensor or a longer record reduces that."
     )

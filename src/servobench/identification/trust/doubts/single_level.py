@@ -30,7 +30,7 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
         info(
             "single-level",
             f"The motor moved under one level of the input only, {plain(level, 3)}{unit}, so the data "
-            "tell what it does at this level, but not gain and friction apart. Add a second level, or "
+            "show what it does at this level, but can't separate gain from friction. Add a second level, or "
             "let the motor coast.",
             parameters=("gain", "coulomb_voltage"),
         )

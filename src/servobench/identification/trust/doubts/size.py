@@ -36,15 +36,15 @@ def _input_size(data: Dataset) -> list[Finding]:
     if data.input_unit == "%" and largest > _WHOLE:
         sentence = (
             f"{data.name}: the duty reaches {plain(largest, 4)} %, more than the whole: these may be steps of a timer, such as "
-            "255 for 100 %. Say what they are, `input=COL:PWM/255`, or in which unit: `input=COL:UNIT`."
+            "255 for 100 %. Give the scale, `input=COL:PWM/255`, or the unit: `input=COL:UNIT`."
         )
         return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
     if data.input_unit != "V" or largest == 0:
         return []
     if LARGEST_SUPPLY < largest <= _VOLTAGES[1] and bool((data.u == np.rint(data.u)).all()):
         sentence = (
-            f"{data.name}: the input reaches {plain(largest, 4)} V in whole numbers, as raw counts of a pulse width do and few "
-            "voltages. If 255 of them are 100 %, say `input=COL:PWM/255`, with the supply: `supply=...`."
+            f"{data.name}: the input reaches {plain(largest, 4)} V in whole numbers only, like raw counts of a pulse width "
+            "and unlike most voltages. If 255 of them are 100 %, say `input=COL:PWM/255`, with the supply: `supply=...`."
         )
         return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
     if _VOLTAGES[0] <= largest <= _VOLTAGES[1]:

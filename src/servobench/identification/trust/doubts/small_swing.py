@@ -41,7 +41,7 @@ def _small_swing(fit: Fit) -> list[Finding]:
     sentence = (
         f"The shaft swung through {swing:.2g} rad at most, and the cosine of its angle hardly "
         f"changed: the {words} are known only as a sum, {known:.2g} ± {half:.1g} "
-        f"{cosine.unit} in the mean. Let the shaft swing by 90° to either side to separate them."
+        f"{cosine.unit} on average. Let the shaft swing by 90° to either side to separate them."
     )
     return [warning("swing-small", sentence, parameters=pair)]
 

@@ -19,6 +19,8 @@ from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 _LARGE = 6.0  # times what is usual among the largest second differences
 _MOST_MOVED = 2.0  # standard deviations: what moves a parameter farther is outside its interval
 _MOST_OF_RESIDUAL = 0.5  # of its square: beyond it the spikes are what limits the accuracy
+_SHORTEST = 20  # samples of a record in which one that lies off can be recognised
+_AROUND = 3  # departures that a single spike makes: its own and its neighbours'
 _MOST = 0.02  # of the samples: more than that isn't a few spikes but noise
 
 
@@ -62,7 +64,7 @@ def _finding(data: Dataset, which: NDArray[np.int64], allowed: bool) -> Finding:
         f"{in_words(which + 1, 'sample')}, which no shaft does. It is cable noise or a lost count; "
     )
     if allowed:
-        return info("output-spikes", f"{what}the intervals allow for what it moves.", rows=rows)
+        return info("output-spikes", f"{what}the intervals allow for its effect.", rows=rows)
     return warning(
         "output-spikes", f"{what}leave these rows out.", parameters=("gain", "time_constant"), rows=rows
     )
@@ -95,16 +97,18 @@ def _heights(fit: Fit, which: Sequence[NDArray[np.int64]]) -> Array:
 def spikes(y: Array, quantum: float) -> NDArray[np.int64]:
     """Return the indices (K,) of single values of y (N,) that lie far off both neighbours, on the same side of both.
 
-    The departure from the mean of the neighbours is compared with the 98th percentile of all, and with two quanta.
+    The departure from the mean of the neighbours is compared with the largest of the others, and with half a quantum.
     """
-    if len(y) < 50:
+    if len(y) < _SHORTEST:
         return np.array([], dtype=np.int64)
     off = y[1:-1] - 0.5 * (y[2:] + y[:-2])
-    limit = _LARGE * max(float(np.percentile(np.abs(off), 98)), 0.5 * quantum)
+    # One spike makes three of these large, which in a short record is more than two in a hundred.
+    usual = np.sort(np.abs(off))[: -max(_AROUND, round(_MOST * len(off)))]
+    limit = _LARGE * max(float(usual[-1]), 0.5 * quantum)
     beyond = (y[1:-1] - y[2:]) * (y[1:-1] - y[:-2]) > 0
     indices = np.flatnonzero((np.abs(off) > limit) & beyond) + 1
     indices = np.array([k for k in indices.tolist() if _goes_on(y, k)], dtype=np.int64)
-    return indices if len(indices) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
+    return indices if len(indices) <= max(_MOST * len(y), 1) and limit > 0 else np.array([], dtype=np.int64)
 
 
 def _goes_on(y: Array, k: int) -> bool:

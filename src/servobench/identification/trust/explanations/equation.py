@@ -21,7 +21,7 @@ from servobench.core.channels import Array
 from servobench.identification.models.motion import directions, is_one_sine
 from servobench.recordings.measurement.dataset import Dataset
 
-_MOST = 6000  # points of the grid
+_FEWEST, _MOST = 40, 6000  # samples of a record, and points of the grid
 _NOISE = 0.02  # of the filtered acceleration may be noise
 _SETTLED = 8.0  # filter times until the start is forgotten
 _PER_TIME = 4.0  # rows of the regression in a filter time
@@ -94,7 +94,7 @@ class Motion:
 def motion(data: Dataset) -> Motion | None:
     """Return a record on an even grid; None where it is too short to tell anything, or so long that the grid misses its input."""
     span = float(data.t_output[-1] - data.t_output[0]) if len(data.y) > 1 else 0.0
-    if len(data.y) < 100 or span <= 0:
+    if len(data.y) < _FEWEST or span <= 0:
         return None
     count = min(round(span / data.sample_time) + 1, _MOST)
     t = np.linspace(float(data.t_output[0]), float(data.t_output[-1]), count)

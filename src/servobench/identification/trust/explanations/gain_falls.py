@@ -11,9 +11,12 @@ from servobench.core.finding import warning
 from servobench.core.rounding import plain
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
+from servobench.identification.trust.explanations.equation import Regression
 
 _KNEES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95)
 _BELOW = (0.05, 0.95)  # of a limit: inputs there act in full and show by how much less those beyond it act
+_LESS = 0.8  # of the misfit is left if inputs beyond the limit act at all
+_LEAST = 0.1  # of the effect below: less is none
 _SEEN = 0.01  # of the samples, at least, have such an input
 
 
@@ -27,18 +30,40 @@ def _gain_falls(case: Case) -> CauseFit | None:
     ]
     if not tried:
         return None
-    best_regression, limit = min(tried, key=lambda each: each[0].misfit)
-    unit = case.motions[0].data.input_unit
-    sentence = (
-        f"Inputs beyond about {plain(limit, 2)} {unit} have no further effect: the amplifier, the supply "
-        "or the controller limits the voltage. Record the voltage that was applied, or stay below "
-        "that level."
-    )
+    clipped, limit = min(tried, key=lambda each: each[0].misfit)
+    bent, bend = min(((_with_bend(case, at), at) for _, at in tried), key=lambda each: each[0].misfit)
+    slope = float(bent.coefficients[-1] / bent.coefficients[1])
+    if not (bent.misfit < _LESS * clipped.misfit and _LEAST < slope < 1.0):
+        bend, slope = limit, 0.0
     return CauseFit(
-        finding=warning("gain-falls", sentence, parameters=("gain",)),
-        misfit=best_regression.misfit,
+        finding=warning("gain-falls", _sentence(case, bend, slope), parameters=("gain",)),
+        misfit=clipped.misfit,
         chosen=1,
-        remedy=lambda data: replace(data, u=np.clip(data.u, -limit, limit), reference=None),
+        remedy=lambda data: replace(data, u=_bent(data.u, bend, slope), reference=None),
+    )
+
+
+def _with_bend(case: Case, limit: float) -> Regression:
+    """The equation in which inputs beyond a limit act by another part than those below: the last coefficient is theirs."""
+    beyond = [m.filter_through_chain(m.u - np.clip(m.u, -limit, limit)) for m in case.motions]
+    return case.with_input(lambda m: np.clip(m.u, -limit, limit), beyond)
+
+
+def _bent(u: Array, limit: float, slope: float) -> Array:
+    """An input u (N,) of which what is beyond a limit counts by a `slope` below 1."""
+    return np.asarray(slope * u + (1.0 - slope) * np.clip(u, -limit, limit), dtype=np.float64)
+
+
+def _sentence(case: Case, limit: float, slope: float) -> str:
+    where = f"Inputs beyond about {plain(limit, 2)} {case.motions[0].data.input_unit}"
+    if slope == 0.0:
+        return (
+            f"{where} have no further effect: the amplifier, the supply or the controller limits the voltage. Record the "
+            "voltage that was applied, or stay below that level."
+        )
+    return (
+        f"{where} act only {plain(100 * slope, 1)} % as much as those below: the amplifier, the supply or the motor's load "
+        "bends the characteristic. Record the voltage that was applied, or identify each range of the input by itself."
     )
 
 

@@ -87,11 +87,11 @@ def _best(
 
 
 def _lag(*fits: Fit) -> float:
-    """The time constant [s] of the first fit that has one, between a sample time and a tenth of the longest record."""
+    """The longest time constant [s] of the fits that have one, between a sample time and a tenth of the longest record."""
     data = [record.data for record in fits[0].records]
     longest, step = max(each.duration for each in data), max(each.sample_time for each in data)
     time_constants = [fit.model["time_constant"] for fit in fits if "time_constant" in fit.model.names]
-    return max(min([*time_constants[:1], _LONGEST * longest]), step)
+    return max(min([max(time_constants, default=np.inf), _LONGEST * longest]), step)
 
 
 def _misfit(fit: Fit, lag: float) -> float:

@@ -28,8 +28,8 @@ def _missing_sign(case: Case) -> CauseFit | None:
     return CauseFit(
         finding=warning(
             "input-unsigned",
-            "The shaft turns both ways, but the input never changes its sign, and the data follow a motor if it does so with the "
-            "motion: the size of the input was recorded without its direction (a pin, another column, the sign of the error). "
+            "The shaft turns both ways, but the input never changes its sign, and a motor explains the data if it gets the "
+            "sign of the motion: the input was recorded without its direction (a pin, another column, the sign of the error). "
             "Record the input with its sign.",
             parameters=("gain",),
         ),

@@ -77,22 +77,22 @@ class Counter:
             return Outcome(
                 state="failed", did=did, expected=expected, figures=figures,
                 found=f"The counter didn't wrap at {claimed} bits, as it should have done.",
-                remedy="Correct counter_bits in what the device says of itself: wraps are taken out that aren't there.",
+                remedy="Correct counter_bits in the device's info: wraps are removed that aren't there.",
             )  # fmt: skip
         held = math.floor(math.log2(max(went, 2.0)))
         if claimed is None:
             return Outcome(
                 state="unknown", did=did, expected=expected, figures=figures,
                 found=f"The counter didn't wrap; it has more than {held} bits.",
-                remedy="The device says no width. If it is known, say it in the device's info.",
+                remedy="The device states no width. If you know it, state it in the device's info.",
             )  # fmt: skip
         needed = 2.0 ** (claimed - 1) / speed
         return Outcome(
             state="unknown", did=did, expected=expected, figures=figures,
-            found=f"The counter didn't wrap, as one of {claimed} bits shouldn't by then; it has more than {held} bits.",
+            found=f"The counter didn't wrap, and one of {claimed} bits shouldn't have by then; it has more than {held} bits.",
             remedy=f"The wrap at {claimed} bits is {with_unit(needed, 's', 2)} away at this speed."
             + (
-                " That is too long to be tried."
+                " That is too long to try."
                 if too_far or needed > LONGEST_WRAP
                 else " `until_wrap=...` turns the motor for that long."
             ),

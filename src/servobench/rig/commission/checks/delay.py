@@ -73,8 +73,8 @@ class Delay:
         remedy = ""
         if beyond:
             remedy = (
-                f"Find what delays: the bus, the driver, a filter. If it has to be, let the device say "
-                f"{milliseconds(mean)} ms in its info, so that control and identification know it."
+                f"Find the cause: the bus, the driver, a filter. If the delay can't be avoided, state "
+                f"{milliseconds(mean)} ms in the device's info, so that control and identification know it."
             )
         elif not sure:
             remedy = (

@@ -48,6 +48,6 @@ class Sign:
             remedy="Find what holds the shaft." if not clear else ""
             if rises
             else "Swap the motor's leads, or the encoder's channels A and B, or set the sign in the device's settings. Don't "
-            "close a loop before: it would run away.",
+            "close a loop before that: it would run away.",
             learned={"speed": speed, "speed_voltage": voltage},
         )  # fmt: skip

@@ -89,5 +89,5 @@ class Stall:
             ),
             remedy=""
             if in_time
-            else "Something else ended the run, or the monitor has another time: read the sentence.",
+            else "Something else ended the run, or the monitor's time differs: read why it ended.",
         )

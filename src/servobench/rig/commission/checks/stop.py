@@ -82,12 +82,12 @@ def _outcome_without_motion(voltage: float, farthest: float) -> Outcome:
         state="failed",
         did=_did(voltage),
         expected=_EXPECTED,
-        found=f"No pulse up to {plain(voltage, 3)} V moved the encoder by more than {plain(farthest)} counts, so that stopping "
+        found=f"No pulse up to {plain(voltage, 3)} V moved the encoder by more than {plain(farthest)} counts, so stopping "
         "can't be proved.",
         figures=(
             Figure(name="voltage of the pulse", value=voltage, unit="V"),
             Figure(name="farthest from the start", value=farthest, unit="counts"),
         ),
         remedy="Check the motor's supply and leads, the encoder's plug, the enable line, and whether something holds the shaft; "
-        "if the motor needs more voltage to move, a larger limit of the voltage.",
+        "if the motor needs more voltage to move, allow a larger one (`voltage_limit=...`).",
     )

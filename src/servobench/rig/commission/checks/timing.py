@@ -69,5 +69,5 @@ def _outcome_without_clock(did: str, expected: str, run: CheckRun, sample_time: 
         )  # fmt: skip
     return Outcome(
         state="unsupported", did=did, expected=expected, found="The device's time is computed, so nothing can be late.",
-        remedy="Commission the device that keeps real time.",
+        remedy="Commission a device that runs in real time.",
     )  # fmt: skip

@@ -34,14 +34,14 @@ class Turns:
         says = (
             f"{plain(claimed, 6)} counts, as the settings say"
             if claimed
-            else "whatever it is, as the settings say nothing"
+            else "any number of counts, as the settings give none"
         )
         expected = f"A turn is {says}."
         if bench.person is None:
             return Outcome(
                 state="unknown", did="Nothing: nobody was there to turn the shaft.", expected=expected,
                 found="Only a hand and an eye can count turns.",
-                remedy="Run it in a terminal, which asks for it; or give `turns=1`, and turn the shaft by hand when it says so.",
+                remedy="Run it in a terminal, which asks for it; or give `turns=1`, and turn the shaft by hand when asked.",
             )  # fmt: skip
         turns = bench.person.turns
         patience, look = bench.person.begin()
@@ -84,9 +84,9 @@ class Turns:
 def _remedy(ratio: float, off: float) -> str:
     known = {
         4.0: "The settings give the encoder's lines; four counts belong to each.",
-        0.25: "The settings count four for a line, and the counter counts lines only.",
-        2.0: "The counter counts twice as much, as one that counts two edges of a line does beside one that counts one.",
-        0.5: "The counter counts half as much, as one that counts two edges of a line does beside one that counts four.",
+        0.25: "The settings assume four counts for each line, but the counter counts lines only.",
+        2.0: "The counter counts twice as much, as if it counted two edges of a line instead of one.",
+        0.5: "The counter counts half as much, as if it counted two edges of a line instead of four.",
     }
     near = [text for factor, text in known.items() if abs(ratio / factor - 1) <= off]
     return " ".join(

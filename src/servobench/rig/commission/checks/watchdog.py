@@ -37,7 +37,7 @@ class Watchdog:
     needs: ClassVar[tuple[str, ...]] = ("stop",)
     halts: ClassVar[bool] = True
     picture: ClassVar[str] = (
-        "The voltage that was asked for, and the counts; after 1.2 s no voltage reached the device any more."
+        "The requested voltage, and the counts; after 1.2 s no voltage reached the device any more."
     )
 
     def carry_out(self, bench: Bench) -> Outcome:
@@ -75,15 +75,15 @@ class Watchdog:
             return Outcome(
                 state="unknown", did=did, expected=expected,
                 figures=(figures[0], Figure(name="time until it stopped answering", value=time, unit="s")),
-                found=f"The device stopped answering {with_unit(time, 's', 2)} after the last voltage, so that nothing was seen "
-                f"of the shaft. {as_sentence(run.recording.stopped.sentence)}",
-                remedy="Turn the motor with `servobench run`, kill that (kill -9), and see whether the shaft slows down at once.",
+                found=f"The device stopped answering {with_unit(time, 's', 2)} after the last voltage, so the shaft couldn't "
+                f"be watched. {as_sentence(run.recording.stopped.sentence)}",
+                remedy="Turn the motor with `servobench run`, kill its process (-9), and see if the shaft slows down at once.",
             )  # fmt: skip
         share = after / before if before else math.nan
         if not abs(share) < math.inf or abs(before) * BEFORE < CLEAR:
             return Outcome(
                 state="unknown", did=did, expected=expected, figures=figures,
-                found=f"At {plain(voltage, 3)} V the shaft didn't turn steadily, so nothing can be seen.",
+                found=f"At {plain(voltage, 3)} V the shaft didn't turn steadily, so nothing can be concluded.",
                 remedy="Find what holds the shaft, or raise the voltage limit.",
             )  # fmt: skip
         if still.range(END, math.inf) > bench.quiet:
@@ -96,7 +96,7 @@ class Watchdog:
         if share > STOPPED:
             return Outcome(
                 state="unknown", did=did, expected=expected, figures=figures,
-                found=f"The shaft was down to {100 * share:.0f} % of its speed only, so a cut can't be told from a load.",
+                found=f"The shaft only slowed to {100 * share:.0f} % of its speed, so a cut can't be distinguished from a load.",
                 remedy="Take the load off, and run it again.",
             )  # fmt: skip
         return _outcome_of_cut(did, expected, figures, promised, _time_of_cut(run, begin), run)

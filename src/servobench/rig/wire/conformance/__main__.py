@@ -69,7 +69,7 @@ def report(session: Session, *, spin: bool, write: Callable[[str], object]) -> i
             write(f"{'not asked':12} {check.name:24} {' '.join(check.rule.split())}\n")
     failed = sum(each.verdict == "failed" for each in results)
     passed = sum(each.verdict == "passed" for each in results)
-    left = "" if spin else f", {len(DRIVEN)} turn the motor and weren't asked for (--spin)"
+    left = "" if spin else f", {len(DRIVEN)} turn the motor and weren't requested (--spin)"
     write(f"\n{passed} passed, {failed} failed, {len(results) - passed - failed} not offered{left}\n")
     write("Not tried: what hangs the main loop, resets the chip or damages the encoder's signals.\n")
     return _BREAKS_RULES if failed else 0
@@ -79,7 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m servobench.rig.wire.conformance",
         description="Test whether a board speaks the rig's protocol as docs/reference/rig-protocol.md says. Nothing turns.",
-        epilog="Exit status: 0 where it keeps all rules that it offers, 1 where it breaks one, 4 where it isn't there.",
+        epilog="Exit status: 0 if the board keeps all rules that it offers, 1 if it breaks one, 4 if there is no board.",
     )
     parser.add_argument("port", metavar="PORT", help="the serial port, such as /dev/ttyUSB0 or COM3")
     parser.add_argument("--baud", type=int, default=500_000, help="its rate (default: 500000)")

@@ -264,7 +264,7 @@ def _range_of_the_watchdog(session: Session) -> None:
         _expect_acceptance(status, f"a watchdog of {right} ms", "ready")
         expect(
             status["watchdog_ms"] == right,
-            f"STATUS tells a watchdog of {status['watchdog_ms']} ms; expected {right}",
+            f"STATUS reports a watchdog of {status['watchdog_ms']} ms; expected {right}",
         )
 
 
@@ -346,7 +346,7 @@ def _faults_last(session: Session) -> None:
     expect(not status["faults"], "CLEAR left the faults' bits as they were; expected 0")
     expect(
         not status["owner"],
-        f"after CLEAR the owner is {status['owner']}; expected 0: it has to be claimed anew",
+        f"after CLEAR the owner is {status['owner']}; expected 0: it has to be claimed again",
     )
 
 
@@ -423,7 +423,9 @@ def _blocks(session: Session) -> None:
     first = blocks[0]["index"]
     expect(first == 0, f"the first block has the index {first}; expected 0")
     put_out = {duty for each in blocks for duty in each["duty"]}
-    expect(put_out == {0}, f"blocks tell the duties {sorted(put_out)[:8]} where none was put out; expected 0")
+    expect(
+        put_out == {0}, f"blocks report the duties {sorted(put_out)[:8]} where none was put out; expected 0"
+    )
 
 
 @rule(

@@ -49,7 +49,7 @@ def _duty_turns_the_motor(session: Session) -> None:
         _drive(session, duty, 0.5)
         samples = session.some("sample")
         duties = {each["duty"] for each in samples[5:]}
-        expect(duties == {duty}, f"samples tell the duties {sorted(duties)[:5]}; expected {duty}")
+        expect(duties == {duty}, f"samples report the duties {sorted(duties)[:5]}; expected {duty}")
         moved.append(samples[-1]["position"] - samples[0]["position"])
         session.rest()
     expect(
@@ -70,7 +70,7 @@ def _silence_stops_the_motor(session: Session) -> None:
     session.wait(1.0)
     expect(
         all(each["duty"] == 0 for each in session.all("sample")),
-        "samples tell a duty after the fault; expected 0",
+        "samples report a duty after the fault; expected 0",
     )
     after = _speed(session, 20)
     expect(
@@ -103,7 +103,7 @@ def _table_is_played(session: Session) -> None:
     )
     expect(
         wrong is None,
-        f"duty {wrong} of a table was told as {duties[wrong or 0]}; expected {[*expected, *[0] * 8][wrong or 0]}",
+        f"duty {wrong} of a table was reported as {duties[wrong or 0]}; expected {[*expected, *[0] * 8][wrong or 0]}",
     )
 
 

@@ -1,0 +1,96 @@
+"""A shaft that turns and then stands, or turns the other way, under an input that never changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, warning
+from servobench.core.rounding import with_unit
+from servobench.identification.models.motion import directions, smooth_speed
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+_FEW, _PART = 8, 0.1  # samples, and of the record: the shortest stretch of steady motion
+_STEADY = 0.3  # of its median: the middle half of the speeds of a steady motion; half a sine's is 0.76
+_STANDS, _STILL_FAST = 0.1, 0.5  # of the steady speed: a shaft that stands, and one that turns
+_ABRUPT, _FEWEST_AT_REST = 3, 5  # samples: from one to the other at most, and at rest afterwards
+_AS_FAST = 0.3  # of the faster motion: a slower one may be a spring or a weight that gives way
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in _of(record)]
+
+
+def _of(data: Dataset) -> list[Finding]:
+    """Whether a record whose input is one value, not zero, has steady motion, and then none or one the other way."""
+    if len(data.y) < 2 * _FEW or np.ptp(data.u) > 0 or data.u[0] == 0:
+        return []
+    if data.input_unit in (data.position_unit, data.output_unit):
+        return []  # a goal: a servo goes there, and back to the next one
+    speed, senses = smooth_speed(data), directions(data)
+    ways = [way for way in (_longest(senses == sense) for sense in (1.0, -1.0)) if _is_steady(speed, way)]
+    if len(ways) == 2:
+        return _turned(data, speed, *sorted(ways, key=lambda way: int(way[0])))
+    return _stopped(data, speed, ways[0]) if ways else []
+
+
+def _turned(
+    data: Dataset, speed: Array, first: NDArray[np.int64], second: NDArray[np.int64]
+) -> list[Finding]:
+    before, after = (float(np.median(speed[way])) for way in (first, second))
+    if min(abs(before), abs(after)) < _AS_FAST * max(abs(before), abs(after)):
+        return []
+    sentence = (
+        f"{data.name}: from {data.t_output[second[0]]:.4g} s on the shaft turns the other way, at {_speed_text(data, after)} "
+        f"after {_speed_text(data, before)}, although the input stays at {with_unit(float(data.u[0]), data.input_unit, 3)}: a "
+        "motor doesn't do that by itself. The input changed its sign and the file doesn't say so, or the shaft came to an end "
+        f"stop. Record the input with its sign, or use only the rows up to {data.t_output[first[-1]]:.4g} s."
+    )
+    rows = (int(second[0]) + 1, int(second[-1]) + 1)
+    return [warning("motion-reversed", sentence, parameters=("gain", "time_constant"), rows=rows)]
+
+
+def _stopped(data: Dataset, speed: Array, way: NDArray[np.int64]) -> list[Finding]:
+    """Whether the shaft stands at the end, and came to rest within a few samples: it has no reason to under the same input."""
+    before = float(np.median(speed[way]))
+    moves = np.flatnonzero(np.abs(speed) > _STANDS * abs(before))
+    at = int(moves[-1]) + 1
+    if len(speed) - at < _FEWEST_AT_REST or at - int(way[-1]) > _FEW:
+        return []
+    fast = np.flatnonzero(np.abs(speed) > _STILL_FAST * abs(before))
+    if at - int(fast[-1]) > _ABRUPT:
+        return []
+    sentence = (
+        f"{data.name}: from {data.t_output[at]:.4g} s on the shaft stands, after {_speed_text(data, before)}, although the input "
+        f"stays at {with_unit(float(data.u[0]), data.input_unit, 3)}: the shaft came to an end stop, or the amplifier was "
+        f"switched off. Use only the rows up to {data.t_output[way[-1]]:.4g} s."
+    )
+    return [
+        warning("motion-stopped", sentence, parameters=("gain", "time_constant"), rows=(at + 1, len(speed)))
+    ]
+
+
+def _speed_text(data: Dataset, speed: float) -> str:
+    return with_unit(speed, data.output_unit if data.kind == "speed" else f"{data.position_unit}/s", 3)
+
+
+def _longest(such: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The indices (K,) of the longest run of samples (M,) that are such."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], such, [False])).astype(np.int8)))
+    runs = [np.arange(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return max(runs, key=len, default=np.array([], dtype=np.int64))
+
+
+def _is_steady(speed: Array, way: NDArray[np.int64]) -> bool:
+    """Whether a stretch of a motion is long enough, and its speed stays about the same."""
+    if len(way) < max(_FEW, _PART * len(speed)):
+        return False
+    low, middle, high = np.percentile(np.abs(speed[way]), (25, 50, 75))
+    return bool(high - low < _STEADY * middle)
+
+
+DOUBTS.member("motion_reversed")(Doubt(codes=("motion-reversed", "motion-stopped"), about_data=_about))
