@@ -12,6 +12,7 @@ from servobench.identification.estimators.base import Fit, percent_explained
 from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import Layout, at, lowest
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.models.position_loop.goal import goal_finding
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.echo import alike
 from servobench.recordings.measurement.dataset import Dataset
@@ -33,6 +34,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     if fit.fit_percent >= _NEARLY_ALL and fit.sd("gain") < abs(fit.model["gain"]):
         return []
+    if goal_finding(data) is not None:
+        return []  # a position that follows its goal settles with it
     if alike(np.interp(data.t_output, data.t_input, data.u), data.y):
         return []  # a proportional controller's law, which explains the output as well as a speed would be
     same, other = _enough_of(data), _with_other_kind(data)
