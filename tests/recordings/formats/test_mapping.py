@@ -469,6 +469,22 @@ def test_rows_out_of_order_are_to_be_sorted() -> None:
         with_times(np.random.default_rng(1).permutation(T))
 
 
+@pytest.mark.parametrize(("differs", "severity"), [(0.0, Severity.INFO), (1.0, Severity.WARNING)])
+def test_rows_that_were_written_twice_lose_nothing(differs: float, severity: Severity) -> None:
+    """Every tenth row comes again at once, with the same values or with another one."""
+    recording = made("u", "y")
+    rows = np.sort(np.append(np.arange(100), np.arange(0, 100, 10)))
+    again = np.append(False, np.diff(rows) == 0)
+    series = tuple(
+        replace(each, t=T[rows], values=each.values[rows] + differs * again) for each in recording.series
+    )
+
+    assigned = assign(replace(recording, series=series), output="y:rad")
+
+    assert np.array_equal(assigned["y"].t, T)
+    assert finding(assigned.findings, "rows-left-out").severity is severity
+
+
 def test_times_that_are_all_equal_are_an_error() -> None:
     with pytest.raises(FormatError, match="all times are 3 s"):
         with_times(np.full(50, 3.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +45,7 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
         if keep is None:
             keep = keep_increasing(t)
             checked.append((t, keep))
-            findings.extend(_about_times(name, t, keep))
+            findings.extend(_about_times(name, t, keep, _written_again(series.values(), t)))
         _check_not_rounded(name, each, t, keep)
         _check_step(name, t[keep])
         _check_span(name, t[keep])
@@ -101,8 +101,20 @@ def _omission(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
     return severity("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))
 
 
-def _about_times(name: str, t: Array, keep: NDArray[np.bool_]) -> list[Finding]:
-    """The finding on samples without a usable time; raises `FormatError` where they are more than a slip."""
+def _written_again(series: Iterable[Series], t: Array) -> NDArray[np.bool_]:
+    """Which samples have the time and the values of the one before: rows that a logger wrote twice (N,)."""
+    again = np.diff(t, prepend=np.nan) == 0
+    for each in series:
+        if len(each.values) == len(t):
+            again[1:] &= each.values[1:] == each.values[:-1]
+    return again
+
+
+def _about_times(name: str, t: Array, keep: NDArray[np.bool_], again: NDArray[np.bool_]) -> list[Finding]:
+    """The finding on samples without a usable time; raises `FormatError` where they are more than a slip.
+
+    Samples that were written `again` lose nothing.
+    """
     if keep.all():
         return []
     finite = np.flatnonzero(np.isfinite(t))
@@ -115,7 +127,7 @@ def _about_times(name: str, t: Array, keep: NDArray[np.bool_]) -> list[Finding]:
     sentence = (
         f"No time, or one that isn't later than those before it, left out: {in_words(samples, 'sample')}."
     )
-    severity = warning if np.mean(~keep) > _FEW_LEFT_OUT else info
+    severity = warning if np.mean(~keep & ~again) > _FEW_LEFT_OUT else info
     return [severity("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))]
 
 
