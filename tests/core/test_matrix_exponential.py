@@ -75,3 +75,8 @@ def test_an_exponential_that_algebra_knows(matrix: list[list[float]], expected: 
     assert matrix_exponential(np.array(matrix)) == pytest.approx(
         np.array(expected), rel=2**11 * 12 * EPS, abs=40 * EPS
     )
+
+
+@pytest.mark.parametrize("entry", [np.inf, np.nan, 1e200])
+def test_what_is_beyond_numbers_is_no_number(entry: float) -> None:
+    assert np.isnan(matrix_exponential(np.array([[entry, 1.0], [0.0, 1.0]]))).all()

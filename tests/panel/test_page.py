@@ -772,7 +772,7 @@ def test_an_exercise_puts_its_experiment_before_the_operator(exercise: Panel) ->
     assert bench.signal["amplitude"] == bench.controller["kp"] == 2
     assert [asked["sample_time"] for asked in bench.received if asked["do"] == "open"] == [0.002]
     assert exercise.page.get_by_label("Length").input_value() == "7"
-    exercise.until(lambda: "sampled at 500 Hz, not at 1000 Hz any more" in exercise.page.title())
+    exercise.until(lambda: "sampled at 500 Hz, no longer at 1000 Hz" in exercise.page.title())
 
 
 def test_an_exercise_changes_nothing_that_turns(exercise: Panel) -> None:

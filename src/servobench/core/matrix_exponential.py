@@ -17,11 +17,15 @@ def matrix_exponential(matrix: Array) -> Array:
     s follows from the size of A's powers, not of A: where units make one entry large, its norm says little, and each squaring
     too many costs accuracy (Al-Mohy and Higham 2009, theorem 4.2).
 
-    :param matrix: A, (N, N), of finite numbers
-    :return: e^A, (N, N)
+    :param matrix: A, (N, N)
+    :return: e^A, (N, N); all NaN where A⁵ is beyond what a number can be
     """
-    fourth = np.linalg.matrix_power(matrix, 4)
-    size = max(np.linalg.norm(fourth, 1) ** (1 / 4), np.linalg.norm(fourth @ matrix, 1) ** (1 / 5))
+    with np.errstate(over="ignore", invalid="ignore"):
+        fourth = np.linalg.matrix_power(matrix, 4)
+        fifth = fourth @ matrix
+    if not np.isfinite(fifth).all():
+        return np.full(matrix.shape, np.nan)
+    size = max(np.linalg.norm(fourth, 1) ** (1 / 4), np.linalg.norm(fifth, 1) ** (1 / 5))
     halvings = max(0, math.ceil(math.log2(size / _SIZE))) if size > 0 else 0
     small = matrix / 2.0**halvings
     result = identity = np.eye(len(matrix))

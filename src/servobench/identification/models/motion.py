@@ -66,7 +66,7 @@ def stands(data: Dataset) -> NDArray[np.bool_]:
     return np.asarray(speed <= _STILL * speed.max())
 
 
-def smoothed_over(data: Dataset) -> int:
+def smoothing_span(data: Dataset) -> int:
     """Return how many samples apart the two values are from which a smoothed speed is taken; 1 for a measured speed."""
     return 1 if data.kind == "speed" else 2 * _span(data)
 

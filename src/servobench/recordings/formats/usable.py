@@ -45,7 +45,7 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
         if keep is None:
             keep = keep_increasing(t)
             checked.append((t, keep))
-            findings.extend(_about_times(name, t, keep, _written_again(series.values(), t)))
+            findings.extend(_about_times(name, t, keep, _duplicate_rows(series.values(), t)))
         _check_not_rounded(name, each, t, keep)
         _check_step(name, t[keep])
         _check_span(name, t[keep])
@@ -101,7 +101,7 @@ def _omission(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
     return severity("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))
 
 
-def _written_again(series: Iterable[Series], t: Array) -> NDArray[np.bool_]:
+def _duplicate_rows(series: Iterable[Series], t: Array) -> NDArray[np.bool_]:
     """Which samples have the time and the values of the one before: rows that a logger wrote twice (N,)."""
     again = np.diff(t, prepend=np.nan) == 0
     for each in series:

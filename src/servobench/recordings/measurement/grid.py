@@ -31,13 +31,13 @@ def grid_step(x: Array) -> float | None:
         multiples = np.rint(steps * divisor / steps.min())
         step = float(steps.sum() / multiples.sum())
         fits = np.abs(steps / step - multiples).max() <= _MISFIT
-        evident = len(np.unique(multiples)) >= 3 or len(steps) < 0.5 * len(x) or _lasting(x) >= 3
+        evident = len(np.unique(multiples)) >= 3 or len(steps) < 0.5 * len(x) or _count_durations(x) >= 3
         if fits and evident and step > _FINEST * span:
             return step
     return None
 
 
-def _lasting(x: Array) -> int:
+def _count_durations(x: Array) -> int:
     """The number of different times, in samples, for which a value lasts, those at the start and the end of x (N,) left out."""
     changes = np.flatnonzero(np.diff(x) != 0)
     return len(np.unique(np.diff(changes)))

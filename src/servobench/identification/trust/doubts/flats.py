@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, refusal, warning
 from servobench.core.rounding import plain, with_unit
-from servobench.identification.models.motion import smooth_speed, smoothed_over
+from servobench.identification.models.motion import smooth_speed, smoothing_span
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.recordings.measurement.dataset import Dataset
@@ -278,7 +278,7 @@ def _way_held_back(data: Dataset, driven: Array, fastest: float) -> float:
 
 def _quickest(data: Dataset) -> float:
     """The largest acceleration of the output that its smoothed speed shows, over as many samples as that is smoothed over."""
-    across = smoothed_over(data)
+    across = smoothing_span(data)
     speed = smooth_speed(data)
     return float(np.abs(speed[across:] - speed[:-across]).max()) / (across * data.sample_time)
 

@@ -34,11 +34,11 @@ def _of(data: Dataset) -> list[Finding]:
     speed, senses = smooth_speed(data), directions(data)
     ways = [way for way in (_longest(senses == sense) for sense in (1.0, -1.0)) if _is_steady(speed, way)]
     if len(ways) == 2:
-        return _turned(data, speed, *sorted(ways, key=lambda way: int(way[0])))
-    return _stopped(data, speed, ways[0]) if ways else []
+        return _reversal(data, speed, *sorted(ways, key=lambda way: int(way[0])))
+    return _end_stop(data, speed, ways[0]) if ways else []
 
 
-def _turned(
+def _reversal(
     data: Dataset, speed: Array, first: NDArray[np.int64], second: NDArray[np.int64]
 ) -> list[Finding]:
     before, after = (float(np.median(speed[way])) for way in (first, second))
@@ -54,7 +54,7 @@ def _turned(
     return [warning("motion-reversed", sentence, parameters=("gain", "time_constant"), rows=rows)]
 
 
-def _stopped(data: Dataset, speed: Array, way: NDArray[np.int64]) -> list[Finding]:
+def _end_stop(data: Dataset, speed: Array, way: NDArray[np.int64]) -> list[Finding]:
     """Whether the shaft stands at the end, and came to rest within a few samples: it has no reason to under the same input."""
     before = float(np.median(speed[way]))
     moves = np.flatnonzero(np.abs(speed) > _STANDS * abs(before))
