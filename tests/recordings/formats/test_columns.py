@@ -137,7 +137,22 @@ def test_a_time_is_recognised_by_its_name_and_unit(header: str, factor: float) -
 
     assert recording["y"].t is not None
     assert np.allclose(recording["y"].t, factor * RISING, rtol=1e-15)  # one rounding of a product
-    assert "time-recognised" in codes(recording.findings)
+    assert {"time-recognised", "time-stated"} & set(codes(recording.findings))
+
+
+@pytest.mark.parametrize(
+    ("header", "code"),
+    [
+        ("t", "time-recognised"),
+        ("Time", "time-recognised"),
+        ("time [s]", "time-stated"),
+        ("time_ms", "time-stated"),
+    ],
+)
+def test_a_unit_that_the_heading_gives_is_no_convention(header: str, code: str) -> None:
+    times = {each for each in codes(table(header, "y").findings) if each.startswith("time-")}
+
+    assert times == {code}
 
 
 @pytest.mark.parametrize("header", ["timestamp", "clock", "x", "t [V]", "temperature"])

@@ -709,3 +709,16 @@ def test_counts_in_a_turn_that_are_no_number_are_reported(tmp_path: Path) -> Non
     file.write_text('counts_per_rev = "many"\n', encoding="utf-8")
     with pytest.raises(UsageError, match="counts_per_rev is 'many'"):
         Mapping.read(file)
+
+
+@pytest.mark.parametrize(("time", "by_convention"), [(None, True), ("t", True), ("t:s", False)])
+def test_a_unit_of_the_time_that_is_said_is_no_convention_any_more(
+    time: str | None, by_convention: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "slow.csv"
+    path.write_text("t,u,y\n" + "".join(f"{n},{n % 3},{n}\n" for n in range(40)))
+    (recording,) = load(path)
+
+    assigned = assign(recording, time=time, input="u:V", output="y:rad")
+
+    assert ("time-recognised" in codes(assigned.findings)) == by_convention

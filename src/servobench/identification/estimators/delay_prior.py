@@ -203,7 +203,7 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     taken = f"about {with_unit(value, 's', 2)}" if value > 0 else "zero"
     usual = abs(value - prior.middle) <= prior.scale
     why = (
-        "as is usual where a computer drives the motor"
+        f"{'a sample time or so, ' if value > 0 else ''}as is usual where a computer drives the motor"
         if usual
         else "which fits best, though so long a delay is rare"
         if value > 0

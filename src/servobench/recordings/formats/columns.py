@@ -326,7 +326,7 @@ def _time_finding(column: Column, symbol: str, t: Array) -> Finding:
         )
     elif column.heading.unit is None:
         sentence += f" The unit is by convention; if it is wrong, say `time={name}:ms` or the right unit."
-    return info("time-recognised", sentence)
+    return info("time-recognised" if column.heading.unit is None else "time-stated", sentence)
 
 
 def _why_no_time(values: Array) -> str:

@@ -22,6 +22,7 @@ from servobench.recordings.streams.order import Link, RowOrder
 
 OPENING = 50  # rows from which the columns and the time between rows are found
 _FEW_DAMAGED = 0.01  # of the rows: a line that was cut when the stream began tells nothing against the rest
+_OF_ALL_PARTS = frozenset({"time-recognised", "time-stated"})  # of what is said of a part's times
 _FEWEST = 2  # rows that can be read as a recording
 
 
@@ -241,9 +242,7 @@ def _split(
 
 def _without_times(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Findings of a part that hold for the whole: not those about its own times."""
-    return tuple(
-        each for each in findings if not each.code.startswith("time-") or each.code == "time-recognised"
-    )
+    return tuple(each for each in findings if not each.code.startswith("time-") or each.code in _OF_ALL_PARTS)
 
 
 def _about_order(order: RowOrder) -> Iterator[Finding]:

@@ -17,6 +17,7 @@ _CHANGED = 0.05  # of the input's range: a smaller change over a gap doesn't mat
 # What a run of ours says of itself: in ticks that were missed nothing was written, in rows that were lost something was.
 _HELD, _ROWS_LOST = "samples-missed", "rows-not-recorded"
 _BESIDE, _SEVERAL = 5, 3  # rows to either side of a gap, and gaps, that show how the output goes on
+_OFTEN = 0.1  # of the steps: so many are no gaps, but a rate
 _LONG = 8.0  # steps: a shorter gap doesn't show it
 _LESS = 0.3  # of what is left over if time had gone on: it hasn't
 _IN_EVERY_ROW = (
@@ -42,8 +43,8 @@ def _unknown_input(data: Dataset) -> list[Finding]:
     if _came_in_bursts(data, gaps):
         return [_bursts(data, gaps)]
     unknown = [int(k) for k in gaps if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical))]
-    if not unknown:
-        return []
+    if not unknown or len(gaps) > _OFTEN * len(steps):
+        return []  # none, or the input is logged at several rates
     longest = max(unknown, key=lambda k: float(steps[k]))
     many = "is a gap" if len(unknown) == 1 else f"are {len(unknown)} gaps"
     sentence = (

@@ -38,7 +38,7 @@ def _time_unit(data: Dataset) -> list[Finding]:
         return []
     name, symbol = likely_unit(data.sample_time)
     sentence = (
-        f"{data.name}: read in seconds, as its name suggests, the time column puts the samples "
+        f"{data.name}: read in seconds by convention, the time column puts the samples "
         f"{plain(data.sample_time, 3)} s apart, which is slow for a motor; if it is in {name}, say "
         f"`time=COL:{symbol}`."
     )

@@ -1,0 +1,46 @@
+"""Gaps in which the input may have changed, rows that were read late, and inputs that are logged at several rates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.core.channels import Array
+from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import dataset
+
+
+def codes(data: Dataset) -> set[str]:
+    return {finding.code for finding in DOUBTS["gaps"].about_data([data])}
+
+
+def at(rows: Array, times: Array) -> Dataset:
+    """Those rows of a PRBS's record, at these times [s]."""
+    whole = dataset(seed=3, kind="prbs", hold=20)
+    return replace(whole, t_input=times, t_output=times, u=whole.u[rows], y=whole.y[rows])
+
+
+def test_rows_that_were_lost_are_a_gap() -> None:
+    rows = np.delete(np.arange(2000), np.concatenate([np.arange(k, k + 100) for k in (300, 900, 1500)]))
+
+    assert "gap-input-unknown" in codes(at(rows, 0.002 * rows))
+
+
+@pytest.mark.parametrize("rows_at_once", [30, 100])
+def test_rows_that_were_read_many_at_once_are_no_gap(rows_at_once: int) -> None:
+    """Read at half of the sample time, and then waited for."""
+    rows = np.arange(2000)
+    times = 0.002 * rows - 0.001 * (rows % rows_at_once)
+
+    assert "times-of-reading" in codes(at(rows, times))
+    assert "gap-input-unknown" not in codes(at(rows, times))
+
+
+def test_an_input_that_is_logged_at_several_rates_has_no_gaps() -> None:
+    """Rows 60 ms apart, and then some a second apart, each with another input."""
+    rows = np.cumsum([*[30] * 40, *[500] * 7])
+
+    assert codes(at(rows, 0.002 * rows)) <= {"time-uneven"}
