@@ -38,7 +38,7 @@ def test_what_is_recognised_and_what_would_be_asked_are_reported(tmp_path: Path)
 
     assert described.mapping == Mapping(time="time:ms", input="u:V", output="theta:deg")
     assert described.missing == ()
-    assert {"time-recognised", "input-recognised", "output-recognised"} <= set(codes(described.findings))
+    assert {"time-stated", "input-recognised", "output-recognised"} <= set(codes(described.findings))
 
 
 def test_what_a_mapping_says_is_enough_to_assign(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_a_channel_of_time_stamps_is_the_time_whatever_its_name(tmp_path: Path) 
     assert recording["u"].t == pytest.approx(0.0025 * np.arange(40), abs=1e-12)
     assert recording["short"].t is None
     assert units(recording)["When"] == "s"
-    assert "time-recognised" in codes(recording.findings)
+    assert "time-stated" in codes(recording.findings)
 
 
 def test_a_scaling_is_applied(tmp_path: Path) -> None:

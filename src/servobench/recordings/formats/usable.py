@@ -103,7 +103,7 @@ def _omission(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
 
 def _duplicate_rows(series: Iterable[Series], t: Array) -> NDArray[np.bool_]:
     """Which samples have the time and the values of the one before: rows that a logger wrote twice (N,)."""
-    again = np.diff(t, prepend=np.nan) == 0
+    again: NDArray[np.bool_] = np.diff(t, prepend=np.nan) == 0
     for each in series:
         if len(each.values) == len(t):
             again[1:] &= each.values[1:] == each.values[:-1]
