@@ -56,8 +56,9 @@ def test_each_entry_of_a_motor_is_as_near_to_the_decimal_series_as_scipys() -> N
     ours, theirs = np.array([errors(a_motor(rng)) for _ in range(60)]).T
     assert np.median(ours) <= 8 * EPS
     assert np.quantile(ours, 0.9) <= np.quantile(theirs, 0.9)
-    # A squaring doubles a relative error, and 30 electrical time constants in a tick are seven of them.
-    assert ours.max() <= max(theirs.max(), 2**7 * 12 * EPS)
+    # A squaring doubles a relative error, and 30 electrical time constants in a tick are seven of them; where the entries of one
+    # matrix are so far apart that this isn't enough, it isn't for SciPy either.
+    assert (ours <= np.maximum(2**7 * theirs, 2**7 * 12 * EPS)).all()
 
 
 @pytest.mark.parametrize(

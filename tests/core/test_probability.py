@@ -40,6 +40,7 @@ def test_chi_square(value: float, freedom: int) -> None:
 
 
 def test_nothing_is_left_far_out() -> None:
+    assert [chi_square_above(math.inf, freedom) for freedom in (1, 2, 3)] == [0.0, 0.0, 0.0]
     assert chi_square_above(1e5, 3) == 0.0
     assert normal_below(-50.0) == 0.0
     assert math.isfinite(log_normal_below(-1e100))

@@ -45,9 +45,12 @@ def chi_square_above(value: float, freedom: int) -> float:
     erfc(√y), and goes on by halves (Abramowitz and Stegun 1964, 26.4.4 and 26.4.5).
 
     :param value: the value, of any size; below zero the probability is 1
-    :param freedom: degrees of freedom, 1 or more
+    :param freedom: degrees of freedom, 1 to a few
+    :return: the probability; 0 where it is too small for a number
     """
     y = 0.5 * max(value, 0.0)
+    if math.exp(-y) == 0.0:
+        return 0.0
     if freedom % 2:
         total, power, term = math.erfc(math.sqrt(y)), 0.5, 2.0 * math.sqrt(y / math.pi) * math.exp(-y)
     else:

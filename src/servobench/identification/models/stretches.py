@@ -22,10 +22,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
+from servobench.core.runs import runs
 from servobench.recordings.measurement.base import Mask
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -97,14 +97,13 @@ def _quick(data: Dataset, span: int) -> Mask:
 
 def _runs(quick: Mask, pause: int) -> list[tuple[int, int]]:
     """The first sample of each run and the one behind its last; a pause no longer than that, as of a reversal, is bridged."""
-    edges: NDArray[np.int64] = np.flatnonzero(np.diff(np.concatenate([[0], quick.astype(np.int8), [0]])))
-    runs: list[tuple[int, int]] = []
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if runs and first - runs[-1][1] <= pause:
-            runs[-1] = (runs[-1][0], last)
+    bridged: list[tuple[int, int]] = []
+    for first, last in runs(quick):
+        if bridged and first - bridged[-1][1] <= pause:
+            bridged[-1] = (bridged[-1][0], last)
         else:
-            runs.append((first, last))
-    return runs
+            bridged.append((first, last))
+    return bridged
 
 
 def _set_off(data: Dataset, first: int, reach: int) -> int:

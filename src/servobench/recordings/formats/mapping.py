@@ -175,9 +175,8 @@ def _choose_and_time(
     replaced = any(each.t is not series[role].t for role, each in with_times.items())
     before = [each for each in recording.findings if not (replaced and each.code.startswith("time-"))]
     if time is not None and time.unit is not None:
-        before = [
-            each for each in before if each.code != "time-recognised"
-        ]  # its unit is no convention any more
+        # Its unit is no convention any more.
+        before = [each for each in before if each.code != "time-recognised"]
     before = demote_unused(before, (each.channel.name for each in series.values()))
     about_roles = [finding for part in parts.values() for finding in part.findings]
     if "current" in with_times:

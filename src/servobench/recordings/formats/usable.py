@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array, measurable
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info, warning
+from servobench.core.runs import runs
 from servobench.recordings.formats.epoch import epoch_unit
 from servobench.recordings.formats.merged_rows import about_merged_rows, are_merged
 from servobench.recordings.formats.overflow import counter_of_overflow
@@ -187,5 +188,4 @@ def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.boo
 
 def _longest_block(which: NDArray[np.bool_]) -> int:
     """The length of the longest block of samples that stand one after the other."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], which, [False])).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    return max((end - first for first, end in runs(which)), default=0)

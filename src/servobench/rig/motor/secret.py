@@ -56,8 +56,7 @@ def read_secret(path: Path) -> bytes:
         length = f"more than {_LARGEST}" if len(known) > _LARGEST else str(len(known))
         raise UsageError(
             f"the secret {path} has {length} bytes; expected {LENGTH} to {_LARGEST}, random ones, as "
-            "`servobench lab assess EXERCISE ROSTER` writes "
-            "to a new file"
+            "`servobench lab assess EXERCISE ROSTER` writes to a new file"
         )
     return known
 

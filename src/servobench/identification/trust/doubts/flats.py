@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, refusal, warning
 from servobench.core.rounding import plain, with_unit
+from servobench.core.runs import runs
 from servobench.identification.models.motion import smooth_speed, smoothing_span
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
@@ -123,17 +124,13 @@ def _too_little(data: Dataset, quantum: float) -> Finding:
 def _flats(data: Dataset, quantum: float) -> list[_Flat]:
     """The stretches of the same value, longer than one of the rounding at the slowest usual pace."""
     same = np.abs(np.diff(data.y)) <= 0
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
-    lengths = edges[1::2] - edges[::2]
     pace = _usual_pace(data.y)
     shortest = max(_SHORTEST, int(np.ceil(5 * quantum / pace)) if pace > 0 else _SHORTEST)
     window = max(2, shortest // 2)
     return [
-        _Flat(
-            first=int(first), last=int(first + length), pace=_pace_before(data.y, int(first), window, quantum)
-        )
-        for first, length in zip(edges[::2], lengths, strict=True)
-        if length >= shortest
+        _Flat(first=first, last=last, pace=_pace_before(data.y, first, window, quantum))
+        for first, last in runs(same)
+        if last - first >= shortest
     ]
 
 

@@ -75,13 +75,10 @@ def _came_in_bursts(data: Dataset, gaps: NDArray[np.int64]) -> bool:
     steps = np.diff(data.t_output)
     typical = float(np.median(steps))
     for k in np.searchsorted(data.t_output, data.t_input[gaps]).tolist():
-        beside = np.append(steps[k - _BESIDE : k], steps[k + 1 : k + 1 + _BESIDE])
-        if (
-            not _BESIDE <= k < len(steps) - _BESIDE
-            or steps[k] < _LONG * typical
-            or beside.max() > GAP * typical
-        ):
+        if not _BESIDE <= k < len(steps) - _BESIDE or steps[k] < _LONG * typical:
             continue
+        if np.delete(steps[k - _BESIDE : k + 1 + _BESIDE], _BESIDE).max() > GAP * typical:
+            continue  # not one gap in even rows
         row = float(data.y[k + 1 + _BESIDE] - data.y[k + 1] + data.y[k] - data.y[k - _BESIDE]) / (2 * _BESIDE)
         change = float(data.y[k + 1] - data.y[k])
         per_row += abs(change - row)

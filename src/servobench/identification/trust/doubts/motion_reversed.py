@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
+from servobench.core.runs import runs
 from servobench.identification.models.motion import directions, smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
@@ -80,9 +81,7 @@ def _speed_text(data: Dataset, speed: float) -> str:
 
 def _longest(such: NDArray[np.bool_]) -> NDArray[np.int64]:
     """The indices (K,) of the longest run of samples (M,) that are such."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], such, [False])).astype(np.int8)))
-    runs = [np.arange(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return max(runs, key=len, default=np.array([], dtype=np.int64))
+    return np.arange(*max(runs(such), key=lambda run: run[1] - run[0], default=(0, 0)))
 
 
 def _is_steady(speed: Array, way: NDArray[np.int64]) -> bool:

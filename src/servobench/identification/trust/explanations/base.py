@@ -32,7 +32,7 @@ from servobench.identification.trust.explanations.trial import fit_plainly, is_c
 from servobench.recordings.measurement.dataset import Dataset
 
 _CONVINCING = 0.6  # of the misfit may be left if a cause is reported
-_EXPLAINED = 95.0  # percent of the output: below it a cause is looked for although nothing else shows one
+_NEARLY_ALL = 95.0  # percent of the output: below it a cause is looked for although nothing else shows one
 _ENOUGH = 100  # samples in each record, to look for the cause of the little that a good fit leaves over
 _EXPLAINED_ALREADY = 90.0  # percent of the output: a model that simulates more is right enough for its intervals to hold the rest
 _CERTAIN = 0.3  # of the misfit may be left where no richer structure is tried
@@ -85,7 +85,7 @@ Explain: TypeAlias = Callable[[Case], CauseFit | None]
 
 _SYMPTOMS = codes_of(Role.SYMPTOM)
 _CAUSES = codes_of(Role.CAUSE)
-_WITH_A_FIT = codes_of(Role.EXPLANATION)
+_EXPLAINED = codes_of(Role.EXPLANATION)
 
 EXPLANATIONS: Registry[Explain] = Registry(
     "explanation", "servobench.identification.trust.explanations", "servobench.explanations"
@@ -99,7 +99,7 @@ def is_unexplained(findings: Sequence[Finding], simulated: float = np.nan) -> bo
     """
     grave = {finding.code for finding in findings if finding.severity != Severity.INFO}
     symptoms = {finding.code for finding in findings} & _SYMPTOMS
-    return (bool(symptoms) or simulated < _EXPLAINED) and not grave & _CAUSES
+    return (bool(symptoms) or simulated < _NEARLY_ALL) and not grave & _CAUSES
 
 
 def names_a_cause(findings: Sequence[Finding]) -> bool:
@@ -109,7 +109,7 @@ def names_a_cause(findings: Sequence[Finding]) -> bool:
 
 def is_cause(finding: Finding) -> bool:
     """Return whether a finding says what is wrong with the data or the motor, and not only that something is."""
-    return finding.severity != Severity.INFO and finding.code in _CAUSES | _WITH_A_FIT
+    return finding.severity != Severity.INFO and finding.code in _CAUSES | _EXPLAINED
 
 
 def _as_a_remark(cause: Finding, simulated: float) -> Finding:
@@ -154,7 +154,7 @@ class Causes:
         motions = self._motions
         if not motions or len(motions) < len(self.records):
             return None
-        if simulated >= _EXPLAINED and min(len(record.y) for record in self.records) < _ENOUGH:
+        if simulated >= _NEARLY_ALL and min(len(record.y) for record in self.records) < _ENOUGH:
             return None
         if simulated not in self._found:
             case = Case(motions, simulated)
