@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from servobench.identification.choice.noise_choice import allow_for_disturbance
 from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.estimators.disturbance import Profile
 from servobench.identification.estimators.least_squares import lowest
 from servobench.identification.estimators.output_error import fit_minimum
+from servobench.identification.estimators.prediction_error import PredictionError
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.dataset import Dataset
@@ -73,3 +76,21 @@ def test_rests_of_an_unknown_encoder_are_no_evidence_against_a_random_torque() -
 
     assert fit.estimator == "prediction_error"
     assert abs(fit["gain"].value - 23.697) < 3 * fit["gain"].sd  # k/(R b + k²)
+
+
+def test_a_prediction_error_whose_simulation_is_far_from_the_record_is_not_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A random torque makes a simulation wander from the record, and not ten times as far as the nearest one."""
+    data = dataset(seed=3, kind="prbs", torque_noise=2e-3)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+    assert allow_for_disturbance(fit).estimator == "prediction_error"
+    search = PredictionError.fit_after
+
+    def fit_astray(method: PredictionError, before: Fit, test: Profile) -> Fit:
+        after = search(method, before, test)
+        away = 11.0 * before.records[0].residual
+        return replace(after, records=(replace(after.records[0], residual=away),))
+
+    monkeypatch.setattr(PredictionError, "fit_after", fit_astray)
+    assert allow_for_disturbance(fit).estimator == "output_error"

@@ -101,6 +101,27 @@ def test_where_the_gain_may_be_zero_nothing_else_is_known() -> None:
     assert "allows any gain from" in finding.sentence
 
 
+def test_records_of_one_level_each_are_not_told_that_the_output_ignores_the_input() -> None:
+    """10 V leads to about twice the speed of 5 V; with this noise neither record excludes a motor that is still on its way."""
+    rng = np.random.default_rng(1)
+    records = [
+        replace(
+            dataset(seed=1, samples=200, sample_time=0.01, u=np.full(200, level)),
+            input_before=level,
+            y=speed + rng.normal(0.0, 0.5, 200),
+            kind="speed",
+            output_unit="rad/s",
+            quantum=None,
+        )
+        for level, speed in ((5.0, 50.0), (10.0, 105.0))
+    ]
+    result = identify(records)
+    (refused,) = (finding for finding in result.findings if finding.code == "nothing-known")
+
+    assert "within each record the input stays at one level" in refused.sentence
+    assert "fit-poor" not in {finding.code for finding in result.findings}
+
+
 def test_an_output_that_the_model_explains_isnt_called_unrelated_to_the_input(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -26,6 +26,7 @@ from servobench.identification.uncertainty.score_test import innovations_and_jac
 
 _LASTS = 1.5  # times what white noise would make: from there on the rounding of a shaft at rest is what makes intervals wide
 _WORTH = 0.64  # the product of two parameters' standard deviations over what they were: a fifth less of each
+_ASTRAY = 100.0  # times the sum of squares, ten times as far from the record: a torque of chance leads no estimate there
 _LOWER = 1.0 - 1e-3  # times: a sum of squares that is lower by less is that of the same minimum
 _AGREES = 3.0  # standard deviations of the wider estimate
 
@@ -65,6 +66,8 @@ def allow_for_disturbance(fit: Fit) -> Fit:
             lower = method.fit(fit.model.structure, data, [allowing.vector])
             if _squares(lower) < _LOWER * _squares(fit):  # a prior of the delay may have led elsewhere
                 return allow_for_disturbance(lower)
+        if _squares(allowing) > _ASTRAY * _squares(fit):
+            return allow_for_misfit(fit)
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
     return allowing if fed_back or explains_the_colour(allowing) else allow_for_misfit(fit)
 

@@ -62,6 +62,11 @@ def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:
         advice = f"record {principal[0].remedy}"
     elif fit.fit_percent > _FOLLOWS:
         advice = _any_gain(principal[0], fit)
+    elif all(record.data.has_steady_input for record in fit.records):
+        advice = (
+            "within each record the input stays at one level, which doesn't show how the speed follows it. Record a step from "
+            "rest, or change the input while recording"
+        )
     else:
         advice = (
             "the output doesn't respond to the input. Check that these two columns belong to one motor, or record a larger "

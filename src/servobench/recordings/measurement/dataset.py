@@ -197,6 +197,11 @@ class Dataset:
         return float(np.median(np.diff(self.t_input))) if len(self.t_input) > 1 else float("inf")
 
     @cached_property
+    def has_steady_input(self) -> bool:
+        """Whether the input stays at one level from before the first sample to the last."""
+        return bool((self.u == self.input_before).all())
+
+    @cached_property
     def noise(self) -> float:
         """The largest difference of two samples of an output at rest, in its unit."""
         return noise_of(self)

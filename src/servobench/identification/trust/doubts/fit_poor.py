@@ -9,7 +9,8 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 
 def _poor(fit: Fit) -> list[Finding]:
-    if fit.fit_percent >= 50:
+    # Under a steady input a steady output is its own mean, and what is left to explain is noise.
+    if fit.fit_percent >= 50 or all(record.data.has_steady_input for record in fit.records):
         return []
     return [
         warning(
