@@ -51,6 +51,19 @@ def test_inspect_says_of_data_that_identify_refuses_that_they_cannot_be_used(
     )
 
 
+def test_inspect_does_not_call_an_input_usable_that_never_changes(
+    servobench: Command, tmp_path: Path
+) -> None:
+    file = tmp_path / "steady.csv"
+    rows = [f"{0.01 * k:.2f},5,{50 + 0.1 * (k % 3):.1f}\n" for k in range(200)]
+    file.write_text("t [s],u [V],speed [rad/s]\n" + "".join(rows))
+
+    ended = servobench("inspect", file)
+
+    assert "can use it as it is" not in ended.out
+    assert "1.99 s long, the input 5 V.\nThat can't be identified:\n  ✗ The input stays at 5 V" in ended.out
+
+
 def test_inspect_says_what_has_to_be_said(servobench: Command, tmp_path: Path) -> None:
     file = tmp_path / "bare.csv"
     file.write_text("a,b\n" + "1,2\n2,4\n3,9\n" * 5)
