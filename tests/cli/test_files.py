@@ -19,7 +19,13 @@ from tests.cli.conftest import Command
 @pytest.fixture
 def foreign(tmp_path: Path) -> Path:
     file = tmp_path / "foreign.csv"
-    rows = [f"{0.01 * k:.2f},{3 if k % 20 < 10 else 1},{k}" for k in range(100)]
+    speed = angle = 0.0
+    rows = []
+    for k in range(100):
+        volts = 3 if k % 20 < 10 else 1
+        rows.append(f"{0.01 * k:.2f},{volts},{angle:.0f}")
+        speed += 0.3 * (volts - speed)  # a motor of 28 ms
+        angle += 2 * speed
     rows[50] = rows[50].rpartition(",")[0] + ",nan"
     file.write_text("\n".join(["t [s],u [V],theta [deg]", *rows]) + "\n")
     return file
@@ -30,7 +36,7 @@ def test_inspect_tells_channels_times_and_what_it_can_support(servobench: Comman
 
     assert (ended.status, ended.err) == (0, "")
     assert f"{foreign}: csv, 1 recording\n" in ended.out
-    assert re.search(r"theta +deg +100 +0 +99 +1 not finite", ended.out)
+    assert re.search(r"theta +deg +100 +0 +393 +1 not finite", ended.out)
     assert "every 0.01 s" in ended.out
     assert "`servobench identify` can use it as it is: the output is a position in deg" in ended.out
 
