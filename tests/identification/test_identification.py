@@ -54,6 +54,27 @@ def test_an_input_that_never_changes_is_refused() -> None:
     assert "input-constant" in codes(result)
 
 
+def test_a_motor_that_coasts_shows_its_time_constant_beside_one_that_is_driven() -> None:
+    """A motor of 24 rad/s for a volt and half a second loses a third of a volt to friction: 2 V drive it, or it is left alone."""
+    t = 0.01 * np.arange(300)
+    driven = 40.0 * (1.0 - np.exp(-t / 0.5))  # 24 rad/s for each of 2 V less a third
+    coasting = np.maximum((40.0 + 8.0) * np.exp(-t / 0.5) - 8.0, 0.0)
+    noise = 0.1 * np.random.default_rng(3).standard_normal((2, len(t)))
+    base = dataset(seed=1, samples=len(t), sample_time=0.01, u=np.zeros(len(t)))
+    base = replace(base, kind="speed", output_unit="rad/s", quantum=None)
+    coast = replace(base, y=coasting + noise[0])
+    step = replace(base, u=np.full(len(t), 2.0), y=driven + noise[1])
+
+    alone, together = identify(coast), identify([coast, step])
+
+    assert [each.sentence for each in alone.findings if "If the motor was coasting" in each.sentence]
+    assert together.verdict == Verdict.TRUSTED
+    assert together.fit is not None
+    for name, true in (("gain", 24.0), ("time_constant", 0.5), ("coulomb_voltage", 1 / 3)):
+        low, high = together.fit[name].interval
+        assert low < true < high
+
+
 def test_an_output_that_never_moves_is_refused_with_a_sentence() -> None:
     data = dataset(seed=1)
     result = identify(replace(data, y=np.full_like(data.y, 0.5)))

@@ -23,15 +23,19 @@ def _input_constant(records: Sequence[Dataset]) -> list[Finding]:
     levels = np.concatenate([np.append(record.u, record.input_before) for record in records])
     if np.ptp(levels) > 0 or (levels[0] != 0 and any(map(_gets_to_speed, records))):
         return []
-    return [
-        refusal(
-            "input-constant",
-            f"The input stays at {levels[0]:g} {records[0].input_unit} throughout, so gain and "
-            "friction can't be separated; record steps between at least two levels"
-            f"{_RESTED if levels[0] else ''}.",
-            parameters=("gain", "coulomb_voltage"),
+    sentence = f"The input stays at {levels[0]:g} {records[0].input_unit} throughout, {_consequence(records, levels[0])}."
+    return [refusal("input-constant", sentence, parameters=("gain", "coulomb_voltage"))]
+
+
+def _consequence(records: Sequence[Dataset], level: float) -> str:
+    """What a level without end leaves open, and what to do."""
+    if level == 0.0 and any(np.ptp(record.y) > 0 for record in records):
+        return (
+            "which doesn't show what it does. If the motor was coasting, give a recording in which the input drives it as well "
+            "(several recordings are fitted jointly); if not, this is the wrong column"
         )
-    ]
+    separable = "so gain and friction can't be separated; record steps between at least two levels"
+    return f"{separable}{_RESTED if level else ''}"
 
 
 def _gets_to_speed(record: Dataset) -> bool:
