@@ -172,3 +172,20 @@ def test_recordings_of_one_name_are_called_after_their_files(servobench: Command
     ).result
 
     assert [each["name"] for each in both["records"]] == ["first logger", "second logger"]
+
+
+def test_a_jump_is_told_by_its_row_in_the_file_although_the_first_rows_are_not_used(
+    servobench: Command, logger: Path
+) -> None:
+    """The motor is driven from the first row on, so its first answers are left out; the row to cut at is the file's."""
+    header, *rows = logger.read_text(encoding="utf-8").splitlines()
+    slipped = [
+        f"{head},{float(angle) + 300.0 * (k >= 700):.2f}"
+        for k, (head, angle) in enumerate(row.rsplit(",", 1) for row in rows)
+    ]
+    logger.write_text("\n".join([header, *slipped]) + "\n", encoding="utf-8")
+
+    told = " ".join(servobench("identify", logger, *COLUMNS).out.split())
+    assert "the position jumps in sample 701 (3.5 s)" in told
+    logger.write_text("\n".join([header, *slipped[700:]]) + "\n", encoding="utf-8")
+    assert "the position jumps" not in servobench("identify", logger, *COLUMNS).out

@@ -36,6 +36,7 @@ def dataset(**changes: Any) -> Dataset:
         ({"y": X[:-1]}, "output has values of shape"),
         ({"u": np.full(1000, np.nan)}, "input has values that are not finite"),
         ({"t_output": T[::-1]}, "times of the output don't increase"),
+        ({"rows": np.arange(999)}, "the rows have shape"),
     ],
 )
 def test_what_makes_no_dataset_is_refused(changes: dict[str, Any], why: str) -> None:
@@ -50,6 +51,26 @@ def test_a_part_knows_the_input_that_held_before_it() -> None:
     assert part.u.tolist() == [2.0]
     assert part.input_before == 2.0
     assert part.duration == pytest.approx(0.798)
+
+
+def test_samples_of_a_part_keep_the_numbers_of_their_rows() -> None:
+    part = dataset().part(0.6, 1.4)
+
+    assert part.row_span(0, 2) == (301, 303)
+    assert part.part(1.0, 1.4).row_span(0, 1) == (501, 502)
+
+
+@pytest.mark.parametrize(
+    ("t", "step", "text"),
+    [
+        (1.98, 0.02, "1.98 s"),
+        (0.1 + 0.2, 0.002, "0.3 s"),
+        (1746445283.2, 0.02, "1746445283.2 s"),
+        (100.0, 1.0, "100 s"),
+    ],
+)
+def test_a_time_is_told_to_less_than_a_sample(t: float, step: float, text: str) -> None:
+    assert dataset(t_output=step * np.arange(1000)).in_seconds(t) == text
 
 
 def test_a_part_of_less_than_two_samples_is_refused() -> None:

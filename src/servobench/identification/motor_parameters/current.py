@@ -175,6 +175,6 @@ def _speed(fit: Fit, record: FittedRecord, theta: Array, t: Array) -> Array:
     times = np.concatenate([data.t_output[:1], t])
     shaft = replace(
         data, t_output=times, y=np.zeros(len(times)), output_unit=f"{data.position_unit}/s", kind="speed", quantum=None,
-        declared=Chain(), applied=Chain(), current=None,
+        declared=Chain(), applied=Chain(), current=None, rows=None,
     )  # fmt: skip
     return simulate_output(structure, np.append(theta, start), shaft)[1:]

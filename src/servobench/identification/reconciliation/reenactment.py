@@ -193,6 +193,7 @@ def _steps_of(fit: Fit, like: Dataset) -> Dataset:
         u=u,
         input_before=high,
         t_output=t,
+        rows=None,
         y=np.zeros(len(t)),
         declared=Chain(),
         applied=like.chain,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
@@ -38,6 +39,7 @@ class Dataset:
     t_output, on average; 0 where nothing says so.
     `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open;
     `reference_unit` is its SI unit, None where nobody knows.
+    `rows` (M,) are the numbers of the output's samples in its channel, from 1; None where they are 1 to M.
     `current` (M,) is the measured current of the armature [A] at t_output, NaN where it isn't known; None without one.
     Nothing is resampled; times increase but need not be regular.
     Raises `UsageError` where the values don't make a dataset.
@@ -63,6 +65,7 @@ class Dataset:
     reference: Array | None = None
     reference_unit: str | None = None
     current: Array | None = None
+    rows: NDArray[np.int64] | None = None
     chain_known: bool = False
     starts_at_rest: bool = False
     user_unit: tuple[str, float] | None = None
@@ -104,6 +107,27 @@ class Dataset:
                 f"{self.name}: the current has shape {i.shape}, the output {self.y.shape}; expected a value in A for each value "
                 "of the output, NaN where it isn't known"
             )
+
+        if self.rows is not None and self.rows.shape != self.y.shape:
+            raise UsageError(
+                f"{self.name}: the rows have shape {self.rows.shape}, the output {self.y.shape}; expected a number for each "
+                "value of the output, or None"
+            )
+
+    def row_numbers(self, samples: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the rows of the output's channel, from 1, that samples (K,) of y, counted from 0, were read from."""
+        return samples + 1 if self.rows is None else self.rows[samples]
+
+    def row_span(self, first: int, last: int) -> tuple[int, int]:
+        """Return the rows of the output's channel, from 1, of a first and a last sample of y, counted from 0."""
+        begin, end = self.row_numbers(np.array([first, last])).tolist()
+        return begin, end
+
+    def in_seconds(self, t: float) -> str:
+        """Return a time t [s] as a text that tells neighbouring samples apart, be t a few seconds or the time since 1970."""
+        digits = 1 - math.floor(math.log10(self.sample_time)) if self.sample_time > 0 else 3
+        text = f"{t:.{max(digits, 0)}f}"
+        return f"{text.rstrip('0').rstrip('.') if '.' in text else text} s"
 
     @cached_property
     def digest(self) -> bytes:
@@ -247,6 +271,7 @@ class Dataset:
             reference_unit=self.reference_unit,
             reference=None if self.reference is None else self.reference[self.hold_indices(t_input)],
             current=None if self.current is None else self.current[keep_out],
+            rows=self.row_numbers(np.flatnonzero(keep_out)),
             chain_known=self.chain_known,
             starts_at_rest=self.starts_at_rest and bool(keep_out[0]),
         )

@@ -104,6 +104,7 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
         delay=recording.info.delay if recording.info else 0.0,
         hidden_delay=host_delay(recording, driven.t),
         current=current,
+        rows=finished.rows,
         findings=(*recording.findings, *input_findings, *read_findings, *findings, *current_findings),
         reference=_reference(recording, driven.t),
         reference_unit=_reference_unit(recording),

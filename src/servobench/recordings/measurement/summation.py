@@ -210,6 +210,7 @@ def _position(data: Dataset, counts: Array, quantum: float) -> Dataset:
         data,
         t_output=data.t_output[: len(counts)],
         current=None if data.current is None else data.current[: len(counts)],
+        rows=None if data.rows is None else data.rows[: len(counts)],
         y=(counts + 0.5) * quantum,
         kind="position",
         output_unit=data.position_unit,

@@ -42,6 +42,7 @@ def without_unknown_input(data: Dataset) -> Dataset:
         t_output=data.t_output[left_out:],
         y=data.y[left_out:],
         current=None if data.current is None else data.current[left_out:],
+        rows=data.row_numbers(np.arange(left_out, len(data.y))),
     )
 
 

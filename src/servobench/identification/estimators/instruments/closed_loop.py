@@ -50,7 +50,9 @@ def _columns(loop: Rational, theta: Array, driven: Dataset) -> tuple[Array, Arra
 
     The reference acts on the input of the same instant; the filtered one is what it has done up to then.
     """
-    at_input = replace(driven, t_output=driven.t_input, y=np.zeros(len(driven.u)), delay=0.0, current=None)
+    at_input = replace(
+        driven, t_output=driven.t_input, y=np.zeros(len(driven.u)), delay=0.0, current=None, rows=None
+    )
     own = np.zeros(len(loop.nuisance(at_input)))
     lines = loop.lines(np.concatenate([theta, own]), at_input)
     before = np.concatenate([driven.u[:1], driven.u[:-1]])

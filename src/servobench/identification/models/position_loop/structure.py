@@ -232,7 +232,13 @@ def _decimate(data: Dataset) -> Dataset:
     """A part of the samples, as those of the shaft itself; a chain is left out of a guess."""
     rows = np.unique(np.linspace(0, len(data.y) - 1, _ROWS).astype(np.int64))
     return replace(
-        data, t_output=data.t_output[rows], y=data.y[rows], declared=Chain(), applied=Chain(), current=None
+        data,
+        t_output=data.t_output[rows],
+        y=data.y[rows],
+        declared=Chain(),
+        applied=Chain(),
+        current=None,
+        rows=None,
     )
 
 

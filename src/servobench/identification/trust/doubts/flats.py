@@ -207,7 +207,7 @@ def _at_the_end(data: Dataset, which: str, end: float, samples: NDArray[np.int64
         f"{len(samples)} samples and arrives there at full speed: the sensor is at the end of its "
         "range. The motion there isn't known; use a smaller input, or leave these rows out."
     )
-    rows = (int(samples[0]) + 1, int(samples[-1]) + 1)
+    rows = data.row_span(int(samples[0]), int(samples[-1]))
     return warning("output-clipped", sentence, parameters=("gain", "time_constant"), rows=rows)
 
 
@@ -245,12 +245,12 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
         stays = held_back > _WOULD_GO * quantum and not turns
         if (np.mean(driven[rows]) > 0.3 and stays) or flat in lost:
             sentence = (
-                f"{data.name}: from {data.t_output[flat.first]:.4g} s to "
-                f"{data.t_output[flat.last]:.4g} s the output stands still, although the same "
+                f"{data.name}: from {data.in_seconds(data.t_output[flat.first])} to "
+                f"{data.in_seconds(data.t_output[flat.last])} the output stands still, although the same "
                 "input moves it at other times: the shaft was blocked or the amplifier off. Leave "
                 "this stretch out."
             )
-            at = (flat.first + 1, flat.last + 1)
+            at = data.row_span(flat.first, flat.last)
             return [warning("output-stops", sentence, parameters=("gain", "time_constant"), rows=at)]
     return []
 

@@ -49,7 +49,7 @@ def _unknown_input(data: Dataset) -> list[Finding]:
     many = "is a gap" if len(unknown) == 1 else f"are {len(unknown)} gaps"
     sentence = (
         f"{data.name}: there {many} of up to {steps[longest]:.3g} s (at "
-        f"{data.t_input[longest]:.4g} s), and it isn't known when the input changed there; the "
+        f"{data.in_seconds(data.t_input[longest])}), and it isn't known when the input changed there; the "
         "model holds the last value. Cut the file at the gap and give the parts as two files, or "
         "record again without losing rows."
     )

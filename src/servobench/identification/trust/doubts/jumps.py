@@ -30,12 +30,14 @@ def _of(data: Dataset) -> list[Finding]:
     if not len(which):
         return []
     size = float(data.y[which[0] + 1] - data.y[which[0]])
+    at = int(which[0]) + 1
+    where = f"{in_words(data.row_numbers(which + 1), 'sample')} ({data.in_seconds(data.t_output[at])})"
     sentence = (
-        f"{data.name}: the position jumps in {in_words(which + 2, 'sample')}, first by {with_unit(size, data.output_unit)}, and "
-        "goes on from there, which no shaft does: rows are missing, a turn was lost, a coupling slipped, or the counter was set. "
-        "Use the part before or after it."
+        f"{data.name}: the position jumps in {where}, first by {with_unit(size, data.output_unit)}, and goes on from there, "
+        "which no shaft does: rows are missing, a turn was lost, a coupling slipped, or the counter was set. Use the part before "
+        "or after it."
     )
-    rows = (int(which[0]) + 2, int(which[-1]) + 2)
+    rows = data.row_span(at, int(which[-1]) + 1)
     return [warning("output-jumps", sentence, parameters=("gain", "time_constant"), rows=rows)]
 
 

@@ -45,13 +45,14 @@ def _reversal(
     before, after = (float(np.median(speed[way])) for way in (first, second))
     if min(abs(before), abs(after)) < _AS_FAST * max(abs(before), abs(after)):
         return []
+    turned, last = (data.in_seconds(data.t_output[k]) for k in (second[0], first[-1]))
     sentence = (
-        f"{data.name}: from {data.t_output[second[0]]:.4g} s on the shaft turns the other way, at {_speed_text(data, after)} "
-        f"after {_speed_text(data, before)}, although the input stays at {with_unit(float(data.u[0]), data.input_unit, 3)}: a "
-        "motor doesn't do that by itself. The input changed its sign and the file doesn't say so, or the shaft came to an end "
-        f"stop. Record the input with its sign, or use only the rows up to {data.t_output[first[-1]]:.4g} s."
+        f"{data.name}: from {turned} on the shaft turns the other way, at {_speed_text(data, after)} after "
+        f"{_speed_text(data, before)}, although the input stays at {with_unit(float(data.u[0]), data.input_unit, 3)}: a motor "
+        "doesn't do that by itself. The input changed its sign and the file doesn't say so, or the shaft came to an end stop. "
+        f"Record the input with its sign, or use only the rows up to {last}."
     )
-    rows = (int(second[0]) + 1, int(second[-1]) + 1)
+    rows = data.row_span(int(second[0]), int(second[-1]))
     return [warning("motion-reversed", sentence, parameters=("gain", "time_constant"), rows=rows)]
 
 
@@ -65,14 +66,14 @@ def _end_stop(data: Dataset, speed: Array, way: NDArray[np.int64]) -> list[Findi
     fast = np.flatnonzero(np.abs(speed) > _STILL_FAST * abs(before))
     if at - int(fast[-1]) > _ABRUPT:
         return []
+    stopped, last = (data.in_seconds(data.t_output[k]) for k in (at, way[-1]))
     sentence = (
-        f"{data.name}: from {data.t_output[at]:.4g} s on the shaft stands, after {_speed_text(data, before)}, although the input "
-        f"stays at {with_unit(float(data.u[0]), data.input_unit, 3)}: the shaft came to an end stop, or the amplifier was "
-        f"switched off. Use only the rows up to {data.t_output[way[-1]]:.4g} s."
+        f"{data.name}: from {stopped} on the shaft stands, after {_speed_text(data, before)}, although the input stays at "
+        f"{with_unit(float(data.u[0]), data.input_unit, 3)}: the shaft came to an end stop, or the amplifier was switched off. "
+        f"Use only the rows up to {last}."
     )
-    return [
-        warning("motion-stopped", sentence, parameters=("gain", "time_constant"), rows=(at + 1, len(speed)))
-    ]
+    rows = data.row_span(at, len(speed) - 1)
+    return [warning("motion-stopped", sentence, parameters=("gain", "time_constant"), rows=rows)]
 
 
 def _speed_text(data: Dataset, speed: float) -> str:

@@ -58,10 +58,11 @@ def spikes_of(data: Dataset) -> NDArray[np.int64]:
 
 
 def _finding(data: Dataset, which: NDArray[np.int64], allowed: bool) -> Finding:
-    rows = (int(which[0]) + 1, int(which[-1]) + 1)
+    rows = data.row_span(int(which[0]), int(which[-1]))
+    where = f"{in_words(data.row_numbers(which), 'sample')} ({data.in_seconds(data.t_output[which[0]])})"
     what = (
-        f"{data.name}: the output jumps away and back again within a sample or two in "
-        f"{in_words(which + 1, 'sample')}, which no shaft does. It is cable noise or a lost count; "
+        f"{data.name}: the output jumps away and back again within a sample or two in {where}, which no shaft does. It is cable "
+        "noise or a lost count; "
     )
     if allowed:
         return info("output-spikes", f"{what}the intervals allow for its effect.", rows=rows)
