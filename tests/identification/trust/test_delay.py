@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.finding import Finding
-from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
+from tests.datasets import dataset
 from tests.identification.trust.test_explanations import two_masses
 
 
@@ -39,6 +41,22 @@ def test_a_sum_without_an_interval_of_its_own_is_judged_by_its_value() -> None:
 
     assert _doubts(known) == []
     assert [found.code for found in _doubts(_with_lag(known, lag - 0.002))] == ["delay-negative"]
+
+
+def test_a_delay_at_its_shortest_beside_no_time_constant_is_no_motors_whatever_its_interval() -> None:
+    """So ended a motor of 60 ms whose input was logged five rows of 20 ms late: its interval reached to zero, and all was trusted."""
+    data = dataset(seed=1)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+    shortest = float(fit.model.structure.bounds([data])[0][fit.model.names.index("delay")])
+    wide = replace(fit, covariance=np.diag((0.1 * np.ones(len(fit.model.names))) ** 2))
+
+    def at_the_bound(time_constant: float) -> Fit:
+        changed = {"delay": shortest, "time_constant": time_constant}
+        theta = np.array([changed.get(name, fit.model[name]) for name in fit.model.names])
+        return replace(wide, model=replace(fit.model, theta=theta))
+
+    assert [each.code for each in _doubts(at_the_bound(0.1 * data.sample_time))] == ["delay-negative"]
+    assert _doubts(at_the_bound(5.0 * data.sample_time)) == []
 
 
 def _with_lag(fit: Fit, lag: float) -> Fit:

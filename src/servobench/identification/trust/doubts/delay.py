@@ -24,12 +24,26 @@ def _delay(fit: Fit) -> list[Finding]:
     # The two may be known as a sum only: its variance can then be rounding error, of either sign.
     sd = float(np.sqrt(max(fit.covariance[np.ix_(summed, summed)].sum(), 0.0)))
     reported = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
-    if reported or lag >= -3 * sd or lag >= -0.6 * fit.records[0].data.sample_time:
+    if reported or lag >= -0.6 * fit.records[0].data.sample_time:
+        return []
+    if lag >= -3 * sd and not _is_ahead_of_all(fit):
         return []
     sentence = (
         f"The output comes {-lag:.3g} s before the input that causes it: the two columns are misaligned."
     )
     return [warning("delay-negative", sentence, parameters=("delay",))]
+
+
+def _is_ahead_of_all(fit: Fit) -> bool:
+    """Whether the delay ends at the shortest that misaligned columns allow, and the time constant below what samples resolve.
+
+    Neither leaves any lag to the motor then, and the output would come earlier still: the delay's own interval, which no longer
+    says what the data do, may reach to zero.
+    """
+    data = [record.data for record in fit.records]
+    shortest = fit.model.structure.bounds(data)[0][fit.model.names.index("delay")]
+    has_no_lag = "time_constant" in fit.model.names and fit.model["time_constant"] < data[0].sample_time
+    return bool(fit.model["delay"] <= shortest and has_no_lag)
 
 
 DOUBTS.member("delay")(Doubt(codes=("delay-negative",), about_fit=_delay))
