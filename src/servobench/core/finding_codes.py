@@ -267,6 +267,8 @@ _TABLE = (
     FindingCode("nominal-agrees", "The result agrees with the expected values."),
     FindingCode("nominal-differs", "The result differs from the expected values.", "See the causes that are listed."),
     FindingCode("not-a-voltage", "The controller returned something that isn't a voltage.", "Fix the controller."),
+    FindingCode("not-at-rest", "The record is said to start at rest, and its first speed isn't zero.",
+        "Don't say that it starts at rest, or give the rows from before the start.", Role.CAUSE),
     FindingCode("not-identifiable", "The parameters can't be identified from these data.",
         "The sentence says what is missing.", Role.SYMPTOM),
     FindingCode("not-validated", "No part could be left out to validate the model on.",

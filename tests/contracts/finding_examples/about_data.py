@@ -53,6 +53,15 @@ def _without(rows: NDArray[np.intp]) -> Dataset:
     )
 
 
+def _said_to_rest(first: int) -> Dataset:
+    """A speed that rises to 100 rad/s with 0.1 s from before the record on, whose first rows are cut off."""
+    time = 0.005 * np.arange(400)
+    speed = 100.0 * -np.expm1(-time / 0.1) + 0.1 * np.random.default_rng(5).standard_normal(len(time))
+    whole = driven(np.full(400 - first, 5.0))
+    at_times = {"t_input": time[first:], "t_output": time[first:], "y": speed[first:]}
+    return replace(whole, **at_times, kind="speed", output_unit="rad/s", quantum=None, starts_at_rest=True)
+
+
 def _already_turning() -> Dataset:
     """2 V throughout, begun when the motor was at its speed."""
     return replace(driven(np.full(3000, 2.0)).part(2.0, 6.0), input_before=2.0)
@@ -250,6 +259,7 @@ EXAMPLES = (
     _example("motion-reversed", lambda: _under_5_volts(-1.0), lambda: _under_5_volts(1.0)),
     _example("motion-stopped", lambda: _against_a_stop(700), lambda: _against_a_stop(1000)),
     _example("motion-too-small", _within_a_count, _square),
+    _example("not-at-rest", lambda: _said_to_rest(50), lambda: _said_to_rest(0)),
     _example("output-clipped", _clipped, _square),
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),

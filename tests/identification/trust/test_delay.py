@@ -44,7 +44,7 @@ def test_a_sum_without_an_interval_of_its_own_is_judged_by_its_value() -> None:
 
 
 def test_a_delay_at_its_shortest_beside_no_time_constant_is_no_motors_whatever_its_interval() -> None:
-    """So ended a motor of 60 ms whose input was logged five rows of 20 ms late: its interval reached to zero, and all was trusted."""
+    """So ended a motor of 60 ms whose input was logged five rows late: its interval reached to zero, and all was trusted."""
     data = dataset(seed=1)
     fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
     shortest = float(fit.model.structure.bounds([data])[0][fit.model.names.index("delay")])

@@ -49,6 +49,19 @@ def test_a_record_of_the_kind_that_it_is_said_to_be_is_left_alone() -> None:
     assert not told(identify(position))
 
 
+@pytest.mark.parametrize("cut", [20, 40])
+def test_a_speed_wrongly_said_to_start_at_rest_is_not_called_a_position(cut: int) -> None:
+    """Held to zero at a start where it was 60 or 86 rad/s, a motor explained less of it than the integral of a motor did."""
+    t = 0.005 * np.arange(200 - cut)
+    speed = 100.0 * -np.expm1(-(t + 0.005 * cut) / 0.1)
+    speed += 0.1 * np.random.default_rng(5).standard_normal(len(t))
+    record = as_speed(dataset(seed=1, sample_time=0.005, samples=len(t), u=np.full(len(t), 5.0)))
+    result = identify(replace(record, y=speed, starts_at_rest=True))
+
+    assert not told(result)
+    assert "not-at-rest" in {each.code for each in result.findings}
+
+
 def test_what_no_guess_comes_near_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under one level gain and friction aren't known apart, so the kind is in question; a search for a speed would take long."""
     from servobench.identification.trust.doubts import kind

@@ -15,6 +15,7 @@ from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.position_loop.goal import goal_finding
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.echo import alike
+from servobench.identification.trust.doubts.rest_claimed import isnt_at_rest
 from servobench.recordings.measurement.dataset import Dataset
 
 _NEARLY_ALL = 90.0  # percent: what explains so much, with a gain that is known, is the right kind
@@ -34,6 +35,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     if fit.fit_percent >= _NEARLY_ALL and fit.sd("gain") < abs(fit.model["gain"]):
         return []
+    if isnt_at_rest(data):
+        return []  # held to a start that it doesn't have, no kind explains it
     if goal_finding(data) is not None:
         return []  # a position that follows its goal settles with it
     if alike(np.interp(data.t_output, data.t_input, data.u), data.y):
