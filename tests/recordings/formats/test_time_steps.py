@@ -34,12 +34,13 @@ def test_steps_without_a_unit_are_in_the_one_that_suits_a_motor(factor: float, u
     "values",
     [
         np.cumsum(STEPS),
+        np.repeat(4.0 + np.cumsum(STEPS), 2),
         -STEPS,
         np.full(200, 0.01),
         1.7e9 + 0.01 * np.random.default_rng(3).permutation(200),  # dates, out of order
         np.random.default_rng(4).permutation(0.01 * np.arange(200.0)),
     ],
-    ids=["times", "negative", "constant", "dates", "shuffled times"],
+    ids=["times", "times of rows written twice", "negative", "constant", "dates", "shuffled times"],
 )
 def test_what_grows_or_varies_is_no_column_of_steps(values: np.ndarray) -> None:
     assert step_unit(column(values, unit="s")) is None

@@ -18,7 +18,10 @@ STEP_NAMES = frozenset(
 _NAMES_WITH_UNIT = frozenset({"delta", "step", "period", "interval", "loop_time", "loop_period", "elapsed"})
 _FEWEST = 10  # rows
 _SPREAD = 2.0  # times the median, for nine steps of ten
-_GROWING = 0.6  # of the rows: a column that grows more often may be times
+_GROWING = (
+    0.6  # of the rows that change: a column that grows more often may be times, also with each row twice
+)
+_CHANGING = 0.1  # of the rows, below which a change or two say nothing
 _LONGEST = 10.0  # s: nobody samples a motor more slowly
 _SLOW = 0.5  # s: a step without a unit that would be longer is in a smaller unit
 
@@ -38,13 +41,20 @@ def step_unit(series: Series, symbol: str | None = None) -> str | None:
     without the channel's own, it is the one of s, ms and us that makes them no longer than half a second.
     """
     values = series.values[np.isfinite(series.values)]
-    if len(values) < _FEWEST or not _are_alike(values) or np.mean(np.diff(values) > 0) > _GROWING:
+    if len(values) < _FEWEST or not _are_alike(values) or _grows(values):
         return None
     median = float(np.median(values))
     symbol = symbol or series.channel.unit
     if symbol is None:
         symbol = next((each for each in ("s", "ms", "us") if median * unit(each).factor <= _SLOW), "us")
     return symbol if SHORTEST_STEP <= median * unit(symbol).factor <= _LONGEST else None
+
+
+def _grows(values: Array) -> bool:
+    """Whether values grow from row to row, as times do."""
+    changes = np.diff(values)
+    changes = changes[changes != 0]
+    return bool(len(changes) > _CHANGING * len(values) and np.mean(changes > 0) > _GROWING)
 
 
 def _are_alike(values: Array) -> bool:
