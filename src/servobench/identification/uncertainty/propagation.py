@@ -10,7 +10,7 @@ for a bend within the interval, and for a parameter whose interval isn't symmetr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, Literal, TypeAlias
@@ -25,14 +25,17 @@ from servobench.identification.models.base import Model, Output
 from servobench.systems.interop import as_controller
 from servobench.systems.margins import Margins, margins, series
 from servobench.systems.responses import bandwidth, rise_time
-from servobench.systems.sampled_loop import sampled_margins, sampled_series
+from servobench.systems.sampled_loop import sampled_series_of_each
+from servobench.systems.stability.loop_family import margins_of_family
 from servobench.systems.transfer_function import TransferFunction
 
 LEVEL = 0.95
 Complex: TypeAlias = NDArray[np.complex128]
 Method: TypeAlias = Literal["first order", "sampling"]
+OfEach: TypeAlias = Callable[[Sequence[Model]], NDArray[Any]]  # values (M, N) of M models
 _TRIAL, _FULL = 100, 600  # draws that try the tangent plane, and those that replace it
 _BEND = 0.05  # of half an interval: how far its ends may be moved by what the first order leaves out
+_ROUNDING = 1e-11  # relative; how far a value may be off by arithmetic alone
 _NEAR = 0.98  # cosine between directions, 11°: one is looked at for both
 _UNDEFINED = 0.025  # of the draws: so many may have no value; they count as lying where the estimate does
 _SEED = 20250  # of the draws; any would do
@@ -90,14 +93,15 @@ def open_loop(fit: Fit) -> dict[str, Derived]:
     poles = fit.model.transfer_function("speed").poles
     places = _places(poles)
 
-    def quantities(model: Model) -> Array:
-        system = model.transfer_function("speed")
-        now = match_order(system.poles, poles)
-        parts = [now[n].imag if imaginary else now[n].real for n, imaginary in places.values()]
-        return np.array([*parts, bandwidth(system), rise_time(system)])
+    def quantities(models: Sequence[Model]) -> Array:
+        systems = [model.transfer_function("speed") for model in models]
+        now = match_order(np.array([system.poles for system in systems]), poles)
+        parts = [now[:, n].imag if imaginary else now[:, n].real for n, imaginary in places.values()]
+        responses = [(bandwidth(system), rise_time(system)) for system in systems]
+        return np.column_stack([*parts, np.array(responses)])
 
     units = dict.fromkeys(places, "1/s") | {"bandwidth": "rad/s", "rise_time": "s"}
-    return _by_name(propagate(fit, quantities), units)
+    return _by_name(propagate_of_each(fit, quantities), units)
 
 
 def loop_margins(
@@ -118,8 +122,8 @@ def loop_margins(
     h = sample_time_of(fit) if sample_time is None else sample_time
     feedback = as_controller(controller)
 
-    def quantities(system: TransferFunction) -> Array:
-        return _numbers(sampled_margins(sampled_series(feedback, system, h)))
+    def quantities(systems: Sequence[TransferFunction]) -> Array:
+        return _numbers(margins_of_family(sampled_series_of_each(feedback, systems, h)))
 
     return _margins_with_intervals(fit, around, quantities)
 
@@ -135,8 +139,8 @@ def continuous_loop_margins(
     """
     feedback = as_controller(controller)
 
-    def quantities(system: TransferFunction) -> Array:
-        return _numbers(margins(series(feedback, system)))
+    def quantities(systems: Sequence[TransferFunction]) -> Array:
+        return _numbers([margins(series(feedback, system)) for system in systems])
 
     return _margins_with_intervals(fit, around, quantities)
 
@@ -149,10 +153,13 @@ def sample_time_of(fit: Fit) -> float:
 
 
 def _margins_with_intervals(
-    fit: Fit, around: Output, quantities: Callable[[TransferFunction], Array]
+    fit: Fit, around: Output, quantities: Callable[[Sequence[TransferFunction]], Array]
 ) -> dict[str, Derived]:
-    propagation = propagate(fit, lambda model: quantities(model.transfer_function(around)))
-    lagging = quantities(_with_lag(fit, around))
+    def of_each(models: Sequence[Model]) -> Array:
+        return quantities([model.transfer_function(around) for model in models])
+
+    propagation = propagate_of_each(fit, of_each)
+    lagging = quantities([_with_lag(fit, around)])[0]
     known = np.isfinite(lagging) & np.isfinite(propagation.value)
     off = np.zeros_like(lagging)
     off[known] = lagging[known] - propagation.value[known]
@@ -162,8 +169,8 @@ def _margins_with_intervals(
     return _by_name(propagation, _OF_THE_LOOP)
 
 
-def _numbers(stability_margins: Margins) -> Array:
-    return np.array([getattr(stability_margins, name) for name in _OF_THE_LOOP])
+def _numbers(stability_margins: Sequence[Margins]) -> Array:
+    return np.array([[getattr(each, name) for name in _OF_THE_LOOP] for each in stability_margins])
 
 
 def _with_lag(fit: Fit, around: Output) -> TransferFunction:
@@ -186,8 +193,17 @@ def propagate(fit: Fit, function: Callable[[Model], Array]) -> Propagation:
     First order where that does, and the quantiles of a sample of parameters where the sample says otherwise. The sample is the
     same every time.
     """
-    value = np.asarray(function(fit.model), dtype=np.float64)
-    slopes = gradient(fit, function)
+    return propagate_of_each(fit, _one_by_one(function))
+
+
+def _one_by_one(function: Callable[[Model], NDArray[Any]]) -> OfEach:
+    return lambda models: np.array([function(model) for model in models])
+
+
+def propagate_of_each(fit: Fit, function: OfEach) -> Propagation:
+    """Return the same for a function of many models at once, values (M, N), which is faster where that computes in arrays."""
+    value = np.asarray(function([fit.model]), dtype=np.float64)[0]
+    slopes = _gradient(fit, function)
     half = TWO_SIDED * deviation(slopes, fit.covariance)
     unknown = np.isnan(value) | _hangs_on_unknown(slopes, fit.covariance)
     half[unknown] = np.nan
@@ -204,9 +220,7 @@ def propagate(fit: Fit, function: Callable[[Model], Array]) -> Propagation:
     return Propagation(value=value, low=low, high=high, sampled=bent)
 
 
-def _follows_its_plane(
-    fit: Fit, function: Callable[[Model], Array], value: Array, slopes: Array, half: Array
-) -> bool:
+def _follows_its_plane(fit: Fit, function: OfEach, value: Array, slopes: Array, half: Array) -> bool:
     """Whether all values that are known are on the tangent plane at the edge of the region that holds 95 % of a parameter.
 
     It is looked at along the axes of the covariance and between each two of them, which shows all second derivatives, and, for
@@ -225,18 +239,14 @@ def _follows_its_plane(
     steepest = _separate(slopes[np.ix_(steep, free)] @ axes.T * (TWO_SIDED / half[steep, None])) @ axes
     lower, upper = fit.model.structure.bounds([fit.model.data])
     between = [(one + other) / math.sqrt(2) for one, other in combinations(axes, 2)]
-    for way in TWO_SIDED * np.vstack([axes, *between, steepest]):
-        for side in (1.0, -1.0):
-            step = np.zeros(len(sd))
-            step[free] = side * way
-            theta = fit.model.theta + step
-            if (theta < lower).any() or (theta > upper).any():
-                return False
-            edge_values = _attempt(function, replace(fit.model, theta=theta), value)[known]
-            off = np.abs(edge_values - value[known] - slopes[known] @ step)
-            if not (off <= 0.25 * _BEND * half[known] + 1e-9 * np.abs(value[known])).all():
-                return False
-    return True
+    ways = TWO_SIDED * np.vstack([axes, *between, steepest])
+    steps = np.zeros((2 * len(ways), len(sd)))
+    steps[:, free] = np.concatenate([ways, -ways])
+    thetas = fit.model.theta + steps
+    if (thetas < lower).any() or (thetas > upper).any():
+        return False
+    off = np.abs(_attempts(function, fit.model, thetas, value) - value - steps @ slopes.T)[:, known]
+    return bool((off <= 0.25 * _BEND * half[known] + 1e-9 * np.abs(value[known])).all())
 
 
 def _separate(ways: Array) -> Array:
@@ -255,18 +265,20 @@ def gradient(fit: Fit, function: Callable[[Model], NDArray[Any]]) -> NDArray[Any
     The differences are a hundredth of a standard deviation or a thousandth of the value wide, whichever is less: narrow to the
     curvature of anything that has an interval at all, and wide to the rounding of the machine.
     """
-    model = fit.model
-    sd = np.sqrt(np.diag(fit.covariance))
-    columns = []
-    for n, value in enumerate(model.theta):
-        size = max(1e-3 * abs(float(value)), 1e-9)
-        width = min(0.01 * sd[n], size) if np.isfinite(sd[n]) and sd[n] > 0 else size
-        shift = np.zeros(len(model.theta))
-        shift[n] = width
-        after, before = (function(replace(model, theta=model.theta + side * shift)) for side in (1.0, -1.0))
-        with np.errstate(invalid="ignore"):
-            columns.append((after - before) / (2 * width))
-    return np.column_stack(columns)
+    return _gradient(fit, _one_by_one(function))
+
+
+def _gradient(fit: Fit, function: OfEach) -> NDArray[Any]:
+    theta, sd = fit.model.theta, np.sqrt(np.diag(fit.covariance))
+    size = np.maximum(1e-3 * np.abs(theta), 1e-9)
+    width = np.where(np.isfinite(sd) & (sd > 0), np.minimum(0.01 * sd, size), size)
+    shifts = np.concatenate([np.diag(width), -np.diag(width)])
+    after, before = np.split(function([replace(fit.model, theta=theta + shift) for shift in shifts]), 2)
+    with np.errstate(invalid="ignore"):
+        change = after - before
+        # By a parameter that the data don't determine, whether there is a change is all that counts.
+        change[~np.isfinite(sd)[:, None] & (np.abs(change) <= _ROUNDING * np.abs(after))] = 0.0
+        return np.asarray(change.T / (2 * width))
 
 
 def deviation(slopes: Array, covariance: Array) -> Array:
@@ -280,8 +292,12 @@ def deviation(slopes: Array, covariance: Array) -> Array:
 
 
 def match_order(poles: Complex, order: Complex) -> Complex:
-    """Return poles in the order of those that they are nearest to: which of a conjugate pair comes first is arbitrary."""
-    return np.array([poles[np.argmin(np.abs(poles - pole))] for pole in order], dtype=np.complex128)
+    """Return poles (P,) or (M, P) in the order of those that they are nearest to, (P,).
+
+    Which of a conjugate pair comes first is arbitrary.
+    """
+    nearest = np.argmin(np.abs(poles[..., None, :] - order[:, None]), axis=-1)
+    return np.asarray(np.take_along_axis(poles, nearest, axis=-1), dtype=np.complex128)
 
 
 def draws(fit: Fit, count: int) -> tuple[Array, Array]:
@@ -309,16 +325,14 @@ def draws(fit: Fit, count: int) -> tuple[Array, Array]:
     return np.clip(stretched, lower, upper), plain
 
 
-def _sampled_ends(
-    fit: Fit, function: Callable[[Model], Array], value: Array, slopes: Array, count: int
-) -> Array:
+def _sampled_ends(fit: Fit, function: OfEach, value: Array, slopes: Array, count: int) -> Array:
     """The ends (2, N) of the intervals from a sample, of which the tangent plane says how far out an end lies.
 
     The true quantiles of the plane are known. The rank that they have among its values at these draws is the rank of the
     ends among the function's values: chance is taken out so far as the two go together.
     """
     thetas, plain = draws(fit, count)
-    values = np.array([_attempt(function, replace(fit.model, theta=theta), value) for theta in thetas])
+    values = _attempts(function, fit.model, thetas, value)
     missing = np.isnan(values)
     values = np.sort(np.where(missing, value, values), axis=0)
     half = TWO_SIDED * deviation(slopes, fit.covariance)
@@ -334,13 +348,19 @@ def _sampled_ends(
     return ends
 
 
-def _attempt(function: Callable[[Model], Array], model: Model, like: Array) -> Array:
-    """The function of a model drawn; NaN where parameters that far out make no system, or one that it can't be computed of."""
+def _attempts(function: OfEach, model: Model, thetas: Array, like: Array) -> Array:
+    """The function (M, N) of a model at parameters (M, P); NaN where they make no system, or one that it can't be computed of.
+
+    One that can't is looked for by halves.
+    """
     try:
         with np.errstate(all="ignore"):
-            return np.asarray(function(model), dtype=np.float64)
+            return np.asarray(function([replace(model, theta=theta) for theta in thetas]), dtype=np.float64)
     except (ArithmeticError, ValueError):
-        return np.full_like(like, np.nan)
+        if len(thetas) == 1:
+            return np.full((1, *like.shape), np.nan)
+        halves = np.array_split(thetas, 2)
+        return np.concatenate([_attempts(function, model, half, like) for half in halves])
 
 
 def _at_rank(ordered: Array, rank: float) -> float:

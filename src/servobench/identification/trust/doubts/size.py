@@ -20,6 +20,7 @@ _FASTEST = 3500.0  # rad/s, 33,000 rpm: small motors with an encoder reach it; a
 _VOLTAGES = (0.05, 1000.0)  # V: less moves no motor, more is for locomotives
 _WHOLE = 105.0  # %: a duty is never more than 100, but for a percent or two of an amplifier's own scale
 _SLOWEST = 30.0  # s: a time constant of half a minute is a flywheel's
+_RARELY = 0.5  # s between samples
 
 
 def _about_data(records: Sequence[Dataset]) -> list[Finding]:
@@ -94,7 +95,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     tau = fit["time_constant"]
     longest = max(record.data.duration for record in fit.records)
-    if tau.value <= _SLOWEST or tau.value > 0.5 * longest or tau.sd > 0.5 * tau.value:
+    # A record in which a motor hardly gets anywhere says little of a long time constant, unless its samples are far apart, too.
+    slowly = min(record.data.sample_time for record in fit.records) >= _RARELY
+    if tau.value <= _SLOWEST or tau.sd > 0.5 * tau.value or not (slowly or tau.value <= 0.5 * longest):
         return []
     name, symbol = ("microseconds", "us") if 1e-3 * tau.value > _SLOWEST else ("milliseconds", "ms")
     sentence = (

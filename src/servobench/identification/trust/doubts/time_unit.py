@@ -1,4 +1,4 @@
-"""Times that are seconds by convention only."""
+"""Times that would be seconds of a motor that nobody has."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
 _SLOW = 0.5  # s between samples: no motor is recorded so slowly on purpose
+_SLOWEST = 2.0  # s: nor on purpose by anybody who gives the unit
 
 
 def may_be_milliseconds(findings: Iterable[Finding], sample_time: float) -> bool:
@@ -33,12 +34,13 @@ def _of_each(records: Sequence[Dataset]) -> list[Finding]:
 
 
 def _time_unit(data: Dataset) -> list[Finding]:
-    """Whether times that are seconds by convention only would make a motor of minutes."""
-    if not may_be_milliseconds(data.findings, data.sample_time):
+    """Whether times in seconds, by convention or as somebody said, put the samples of a motor far apart."""
+    by_convention = may_be_milliseconds(data.findings, data.sample_time)
+    if not (by_convention or data.sample_time >= _SLOWEST):
         return []
     name, symbol = likely_unit(data.sample_time)
     sentence = (
-        f"{data.name}: read in seconds by convention, the time column puts the samples "
+        f"{data.name}: read in seconds{' by convention' if by_convention else ''}, the time column puts the samples "
         f"{plain(data.sample_time, 3)} s apart, which is slow for a motor; if it is in {name}, say "
         f"`time=COL:{symbol}`."
     )
