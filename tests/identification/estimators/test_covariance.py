@@ -14,6 +14,7 @@ from servobench.identification.estimators.covariance import (
     sandwich,
     sandwich_over,
 )
+from servobench.identification.estimators.output_error import _is_resolved
 
 
 def test_the_inverse_does_not_depend_on_the_units_of_the_parameters() -> None:
@@ -96,3 +97,11 @@ def test_lags_that_are_a_good_part_of_the_record_still_give_intervals_that_cover
         sd = np.sqrt(sandwich_over(h, [(e - e.mean())[:, None]], [int(part * n) - 1])[0, 0])
         covered += abs(e.mean()) < 1.96 * sd
     assert covered / runs == pytest.approx(0.95, abs=0.017)  # 3.3 standard deviations
+
+
+def test_variances_beyond_the_square_of_what_numbers_can_be_are_judged_without_an_overflow() -> None:
+    """Of a gain that runs to infinity, whose variance times another was beyond 1e308."""
+    huge = np.diag([1e200, 1e180, 1.0])
+
+    assert _is_resolved(huge)
+    assert not _is_resolved(huge + np.triu(np.full((3, 3), 1e189), 1))

@@ -295,7 +295,8 @@ def _is_resolved(covariance: Array) -> bool:
     variances = np.diag(covariance)
     if not (variances >= 0).all():
         return False
-    sizes = np.sqrt(np.outer(variances, variances))
+    deviations = np.sqrt(variances)
+    sizes = np.outer(deviations, deviations)
     return bool((np.abs(covariance - covariance.T) <= _ROUNDED * sizes).all())
 
 

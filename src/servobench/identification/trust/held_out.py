@@ -132,7 +132,8 @@ def about_validation(
                 f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it "
                 f"misses {100 - worst.fit_percent:.1f} % of the output there, {worst.beyond:.0f} "
                 "times what the rest predicts. The motor, the supply or the amplifier was "
-                "different there; identify with and without it, and compare.",
+                "different there, or it moves there as nowhere else; identify with and without it, "
+                "and compare.",
             )
         ]
     missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent

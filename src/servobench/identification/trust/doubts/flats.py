@@ -244,11 +244,11 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
         turns = data.kind == "position" and _may_turn_within(data, flat, quantum)
         stays = held_back > _WOULD_GO * quantum and not turns
         if (np.mean(driven[rows]) > 0.3 and stays) or flat in lost:
+            begin, end = (data.in_seconds(data.t_output[k]) for k in (flat.first, flat.last))
+            late = ", or the input was logged ahead of the output" if flat.first == 0 else ""
             sentence = (
-                f"{data.name}: from {data.in_seconds(data.t_output[flat.first])} to "
-                f"{data.in_seconds(data.t_output[flat.last])} the output stands still, although the same "
-                "input moves it at other times: the shaft was blocked or the amplifier off. Leave "
-                "this stretch out."
+                f"{data.name}: from {begin} to {end} the output stands still, although the same input moves it at other times: "
+                f"the shaft was blocked or the amplifier off{late}. Leave this stretch out."
             )
             at = data.row_span(flat.first, flat.last)
             return [warning("output-stops", sentence, parameters=("gain", "time_constant"), rows=at)]
