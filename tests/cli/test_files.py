@@ -68,6 +68,7 @@ def test_inspect_does_not_call_an_input_usable_that_never_changes(
 
     assert "can use it as it is" not in ended.out
     assert "1.99 s long, the input 5 V.\nThat can't be identified:\n  ✗ The input stays at 5 V" in ended.out
+    assert "the motor turns at 50.1 rad/s" in " ".join(ended.out.split())
 
 
 def test_inspect_says_what_has_to_be_said(servobench: Command, tmp_path: Path) -> None:

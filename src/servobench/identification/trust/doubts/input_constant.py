@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from servobench.core.finding import Finding, refusal
+from servobench.core.rounding import with_unit
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
@@ -35,7 +36,16 @@ def _consequence(records: Sequence[Dataset], level: float) -> str:
             "(several recordings are fitted jointly); if not, this is the wrong column"
         )
     separable = "so gain and friction can't be separated; record steps between at least two levels"
-    return f"{separable}{_RESTED if level else ''}"
+    return f"{_at_speed(records)}{separable}{_RESTED if level else ''}"
+
+
+def _at_speed(records: Sequence[Dataset]) -> str:
+    """The speed of a motor that keeps turning at one, which is what such a record does tell."""
+    speed = smooth_speed(records[0])
+    slow, steady, fast = np.percentile(speed, (5, 50, 95)).tolist()
+    if len(records) > 1 or len(speed) < _FEWEST or not fast - slow < _UNSTEADY * abs(steady):
+        return ""
+    return f"and the motor turns at {with_unit(steady, f'{records[0].position_unit}/s', 4)}, "
 
 
 def _gets_to_speed(record: Dataset) -> bool:
