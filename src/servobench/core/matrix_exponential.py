@@ -1,8 +1,6 @@
-"""The exponential of a small matrix, without SciPy, whose import takes longer than identifying a motor."""
+"""The exponential of small matrices, without SciPy, whose import takes longer than identifying a motor."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -17,20 +15,29 @@ def matrix_exponential(matrix: Array) -> Array:
     s follows from the size of A's powers, not of A: where units make one entry large, its norm says little, and each squaring
     too many costs accuracy (Al-Mohy and Higham 2009, theorem 4.2).
 
-    :param matrix: A, (N, N)
-    :return: e^A, (N, N); all NaN where A⁵ is beyond what a number can be
+    :param matrix: A, (N, N), or a stack of such matrices, (M, N, N), each with its own s
+    :return: e^A, of the same shape; all NaN where A⁵ is beyond what a number can be
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        fourth = np.linalg.matrix_power(matrix, 4)
+        second = matrix @ matrix
+        fourth = second @ second
         fifth = fourth @ matrix
-    if not np.isfinite(fifth).all():
-        return np.full(matrix.shape, np.nan)
-    size = max(np.linalg.norm(fourth, 1) ** (1 / 4), np.linalg.norm(fifth, 1) ** (1 / 5))
-    halvings = max(0, math.ceil(math.log2(size / _SIZE))) if size > 0 else 0
+    finite = np.isfinite(fifth).all(axis=(-2, -1), keepdims=True)
+    if not finite.all():
+        exponential = matrix_exponential(np.where(finite, matrix, 0.0))
+        return np.where(finite, exponential, np.nan)
+    size = np.maximum(_norm(fourth) ** (1 / 4), _norm(fifth) ** (1 / 5))
+    halvings = np.ceil(np.log2(np.maximum(size / _SIZE, 1.0)))
     small = matrix / 2.0**halvings
-    result = identity = np.eye(len(matrix))
+    result = identity = np.eye(matrix.shape[-1])
     for k in range(_TERMS, 0, -1):
         result = identity + small @ result / k
-    for _ in range(halvings):
-        result = result @ result
+    with np.errstate(over="ignore", invalid="ignore"):
+        for n in range(int(halvings.max(initial=0.0))):
+            result = np.where(n < halvings, result @ result, result)
     return np.asarray(result, dtype=np.float64)
+
+
+def _norm(matrix: Array) -> Array:
+    """The largest sum of a column's sizes, of each matrix (…, N, N), as (…, 1, 1)."""
+    return np.asarray(np.abs(matrix).sum(axis=-2, keepdims=True).max(axis=-1, keepdims=True))

@@ -14,7 +14,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.crossing import crossing
 from servobench.core.errors import UsageError
-from servobench.systems.responses import mirror, positive_roots, squared_magnitude
+from servobench.systems.responses import difference, mirror, positive_roots, product, squared_magnitude
 from servobench.systems.transfer_function import TransferFunction
 
 _TURNS = 1000  # of the delay's phase, the most that is looked through
@@ -204,33 +204,32 @@ def turning_points(loop: TransferFunction) -> list[float]:
 
     At a root on the imaginary axis the phase jumps.
     """
-    phase, magnitude, squared = slopes(loop)
-    held = _less(phase, loop.delay * squared)
+    n = np.trim_zeros(np.asarray(loop.numerator, dtype=np.float64), "f")
+    phase, magnitude, squared = slopes(n, np.asarray(loop.denominator, dtype=np.float64))
+    held = difference(phase, loop.delay * squared)
     squares = [*positive_roots(held), *(positive_roots(magnitude) if len(magnitude) else ())]
     return [math.sqrt(square) for square in squares]
 
 
-def slopes(loop: TransferFunction) -> tuple[Array, Array, Array]:
-    """Return how phase and magnitude of N/D, without the delay, rise and fall: three polynomials in ω², highest power first.
+def slopes(numerator: Array, denominator: Array) -> tuple[Array, Array, Array]:
+    """Return how phase and magnitude of N/D, without a delay, rise and fall: three polynomials in ω², highest power first.
 
     With L'/L = P/|ND|², P = (N'D - ND')(s) (ND)(-s) at s = jω, the slope of the phase over ω is the first, Re P, over the third,
-    |ND|², by algebra; that of ln |L| is zero where the second is, or at ω = 0.
+    |ND|², by algebra; that of ln |L| is zero where the second is, or at ω = 0. N (m + 1,) has a leading coefficient that isn't
+    zero; of stacks N (M, m + 1) and D (M, n + 1) it is three stacks.
     """
-    n = np.trim_zeros(np.asarray(loop.numerator, dtype=np.float64), "f")
-    d = np.asarray(loop.denominator, dtype=np.float64)
-    both = np.convolve(n, d)
-    above = _less(np.convolve(_derivative(n), d), np.convolve(n, _derivative(d)))
-    product = np.convolve(above, mirror(both))
-    even, odd = product[::-1][::2][::-1], product[::-1][1::2][::-1]  # of s⁰, s², … and of s¹, s³, …
-    return mirror(even), mirror(odd), squared_magnitude(tuple(both))
+    both = product(numerator, denominator)
+    above = difference(
+        product(_derivative(numerator), denominator), product(numerator, _derivative(denominator))
+    )
+    whole = product(above, mirror(both))
+    even, odd = whole[..., ::-1][..., ::2][..., ::-1], whole[..., ::-1][..., 1::2][..., ::-1]  # of s⁰, s², …
+    return mirror(even), mirror(odd), squared_magnitude(both)
 
 
 def _derivative(polynomial: Array) -> Array:
-    return np.asarray(np.polyder(polynomial) if len(polynomial) > 1 else [0.0], dtype=np.float64)
-
-
-def _less(polynomial: Array, other: Array) -> Array:
-    return np.asarray(np.polysub(polynomial, other), dtype=np.float64)
+    order = polynomial.shape[-1] - 1
+    return polynomial[..., :-1] * np.arange(order, 0.0, -1.0) if order else np.zeros_like(polynomial)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,21 +59,76 @@ def bandwidth(system: TransferFunction) -> float:
     zero, one = system.numerator[-1], system.denominator[-1]
     if one == 0 or zero == 0:
         return float("nan")
+    if len(system.numerator) == 1 and len(system.denominator) == 2:
+        return abs(one / system.denominator[0])
     n, d = (squared_magnitude(p) for p in (system.numerator, system.denominator))
     crossings = positive_roots(np.polysub(2 * one**2 * n, zero**2 * d))
     return float(np.sqrt(crossings[0])) if len(crossings) else float("inf")
 
 
-def squared_magnitude(polynomial: Sequence[float]) -> Array:
-    """Return |P(jω)|² as the coefficients (n + 1,) of a polynomial in ω², highest power first."""
+def squared_magnitude(polynomial: Sequence[float] | Coefficients) -> Array:
+    """Return |P(jω)|² as the coefficients (n + 1,) of a polynomial in ω², highest power first; of a stack (M, n + 1) each."""
     p = np.asarray(polynomial, dtype=np.float64)
-    product = np.convolve(p, mirror(p))[::2]  # P(s) P(-s) has even powers only
-    return mirror(product)
+    return mirror(product(p, mirror(p))[..., ::2])  # P(s) P(-s) has even powers only
 
 
 def mirror(polynomial: Coefficients) -> Array:
-    """Return the coefficients (n + 1,) of P(-s), highest power first."""
-    return np.asarray(polynomial * (-1.0) ** np.arange(len(polynomial) - 1, -1, -1), dtype=np.float64)
+    """Return the coefficients (n + 1,) of P(-s), highest power first; of a stack of polynomials (M, n + 1) each."""
+    return np.asarray(polynomial * (-1.0) ** np.arange(polynomial.shape[-1] - 1, -1, -1), dtype=np.float64)
+
+
+def product(one: Coefficients, other: Coefficients) -> Array:
+    """Return the product (n + k + 1,) of two polynomials (n + 1,) and (k + 1,), or of each two of stacks (M, n + 1)."""
+    if one.ndim == other.ndim == 1:
+        return np.asarray(np.convolve(one, other), dtype=np.float64)
+    count = max(len(each) for each in (one, other) if each.ndim > 1)
+    length = one.shape[-1]
+    total = np.zeros((count, length + other.shape[-1] - 1))
+    for k in range(other.shape[-1]):
+        total[:, k : k + length] += one * other[..., k, None]
+    return total
+
+
+def difference(one: Coefficients, other: Coefficients) -> Array:
+    """Return the difference (n + 1,) of two polynomials, n the larger of their orders, or of each two of stacks (M, n + 1)."""
+    length = max(one.shape[-1], other.shape[-1])
+    total = np.zeros((*one.shape[:-1], length))
+    total[..., length - one.shape[-1] :] = one
+    total[..., length - other.shape[-1] :] -= other
+    return total
+
+
+def roots(polynomials: Coefficients) -> NDArray[np.complex128]:
+    """Return the roots (M, n) of polynomials (M, n + 1): eigenvalues of their companions (Horn and Johnson 1985, section 3.3).
+
+    `numpy.roots` finds the same, of one polynomial at a time. NaN stands in the place of those that are missing where a leading
+    coefficient is zero, and the last are the roots at zero.
+    """
+    count, length = polynomials.shape
+    result = np.full((count, max(length - 1, 0)), np.nan, dtype=np.complex128)
+    nonzero = polynomials != 0
+    first = np.where(nonzero.any(axis=1), nonzero.argmax(axis=1), length)
+    ends = list(zip(first.tolist(), (length - nonzero[:, ::-1].argmax(axis=1)).tolist(), strict=True))
+    forms = set(ends)
+    for start, end in forms:
+        rows = [n for n, each in enumerate(ends) if each == (start, end)] if len(forms) > 1 else slice(None)
+        order = end - start - 1
+        if order >= 0:
+            result[rows, :order] = _nonzero_roots(polynomials[rows, start:end])
+            result[rows, order : order + length - end] = 0.0
+    return result
+
+
+def _nonzero_roots(polynomials: Coefficients) -> NDArray[Any]:
+    """The same where no polynomial has a leading or trailing zero."""
+    order = polynomials.shape[1] - 1
+    ratios = -polynomials[:, 1:] / polynomials[:, :1]
+    if order < 2:
+        return ratios
+    companion = np.zeros((len(polynomials), order, order))
+    companion[:, 1:, :-1] = np.eye(order - 1)
+    companion[:, 0] = ratios
+    return np.asarray(np.linalg.eigvals(companion))
 
 
 def positive_roots(polynomial: Coefficients) -> Array:
@@ -81,9 +136,18 @@ def positive_roots(polynomial: Coefficients) -> Array:
 
     A double root is found to the root of the machine's precision only, so roots that near to the axis count as real.
     """
-    roots = np.roots(polynomial)
-    real = roots[np.abs(roots.imag) <= 1e-7 * np.abs(roots)].real
-    return np.asarray(np.sort(real[real > 0]), dtype=np.float64)
+    places = np.roots(polynomial)
+    return np.asarray(np.sort(places.real[_positive(places)]), dtype=np.float64)
+
+
+def positive_roots_of_each(polynomials: Coefficients) -> Array:
+    """Return the same of polynomials (M, n + 1), (M, n), with NaN behind the last of each."""
+    places = roots(polynomials)
+    return np.asarray(np.sort(np.where(_positive(places), places.real, np.nan), axis=1), dtype=np.float64)
+
+
+def _positive(places: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(places.imag) <= 1e-7 * np.abs(places)) & (places.real > 0))
 
 
 def _step_course(system: TransferFunction, poles: NDArray[np.complex128]) -> Callable[[Array], Array]:

@@ -27,13 +27,13 @@ from servobench.core.crossing import crossing
 from servobench.core.errors import UsageError
 from servobench.core.matrix_exponential import matrix_exponential
 from servobench.systems.margins import Margins, Phase, apart, gain_crossovers, slopes, wrap_phase
-from servobench.systems.responses import positive_roots
+from servobench.systems.responses import difference, positive_roots, product, roots
 from servobench.systems.transfer_function import TransferFunction
 
 _TURN = 2 * math.pi
 _QUARTER = 0.5 * math.pi
-_EDGE = 1e-12  # relative; how far from an edge a stretch begins, so that a jump there is no part of it
-_LEVEL = 1e-9  # of a turn; nearer than that a phase is at a level, as far as rounding tells
+EDGE = 1e-12  # relative; how far from an edge a stretch begins, so that a jump there is no part of it
+LEVEL = 1e-9  # of a turn; nearer than that a phase is at a level, as far as rounding tells
 
 _MOST_STATES = 1000  # of a closed loop: the time for its poles grows with their cube
 
@@ -145,24 +145,44 @@ def sampled_loop(
     chance, counts as none. Raises `UsageError` for a sample time that isn't above zero, and for a system with more zeros than
     poles, which no input that holds can drive.
     """
-    numerator, denominator, whole = _zero_order_hold(system, _check(sample_time))
-    above = np.convolve(numerator, law.numerator)
-    below = np.convolve(denominator, law.denominator)
+    return sampled_loops(law, [system], sample_time, output)[0]
+
+
+def sampled_loops(
+    law: SampledLaw, systems: Sequence[TransferFunction], sample_time: float, output: str = ""
+) -> list[SampledLoop]:
+    """Return the loops of one law, every `sample_time` [s], around each of many systems, as `sampled_loop` does of one."""
+    held = _zero_order_holds(systems, _check(sample_time))
+    return [
+        _around(law, *each, sample_time, output or system.output)
+        for each, system in zip(held, systems, strict=True)
+    ]
+
+
+def _around(
+    law: SampledLaw, numerator: Array, denominator: Array, whole: int, sample_time: float, output: str
+) -> SampledLoop:
+    above = np.convolve(numerator, law.numerator).tolist()
+    below = np.convolve(denominator, law.denominator).tolist()
     while len(above) > 1 and len(below) > 1 and above[-1] == 0 == below[-1]:
         above, below = above[:-1], below[:-1]
     return SampledLoop(
-        numerator=tuple(map(float, above)),
-        denominator=tuple(map(float, below)),
-        whole=whole,
-        sample_time=sample_time,
-        output=output or system.output,
+        numerator=tuple(above), denominator=tuple(below), whole=whole, sample_time=sample_time, output=output
     )
 
 
 def sampled_series(controller: TransferFunction, system: TransferFunction, sample_time: float) -> SampledLoop:
     """Return the loop of a controller C(s), computed by the trapezoid rule, around a system; delays [s] of both add up."""
-    whole = replace(system, delay=max(system.delay, 0.0) + controller.delay)
-    return sampled_loop(trapezoid(controller, sample_time), whole, sample_time)
+    return sampled_series_of_each(controller, [system], sample_time)[0]
+
+
+def sampled_series_of_each(
+    controller: TransferFunction, systems: Sequence[TransferFunction], sample_time: float
+) -> list[SampledLoop]:
+    """Return the loops of a controller, every `sample_time` [s], around each of many systems, as `sampled_series` does of one."""
+    if controller.delay:
+        systems = [replace(system, delay=max(system.delay, 0.0) + controller.delay) for system in systems]
+    return sampled_loops(trapezoid(controller, sample_time), systems, sample_time)
 
 
 def law_in_z(numerator: Sequence[Sequence[float]], denominator: Sequence[Sequence[float]]) -> SampledLaw:
@@ -233,76 +253,110 @@ def _substitute(polynomial: Array, order: int, scale: float, below: list[float])
 _MOST_TICKS = 100_000  # of delay
 
 
-def _zero_order_hold(system: TransferFunction, h: float) -> tuple[Array, Array, int]:
-    """N(w), D(w) and the whole ticks of delay of a system behind an input that holds; time is counted in ticks of h [s]."""
+def _zero_order_holds(systems: Sequence[TransferFunction], h: float) -> list[tuple[Array, Array, int]]:
+    """N(w), D(w) and the whole ticks of delay of systems behind an input that holds; time is counted in ticks of h [s]."""
+    ticks = [_ticks(system, h) for system in systems]
+    alike: dict[tuple[int, int, int, int, bool], list[int]] = {}
+    for n, (system, (_, part)) in enumerate(zip(systems, ticks, strict=True)):
+        sizes = (_leading_zeros(system.numerator), len(system.numerator), len(system.denominator))
+        integrators = _leading_zeros(system.denominator[::-1])
+        alike.setdefault((*sizes, integrators, part > 0), []).append(n)
+    result: dict[int, tuple[Array, Array, int]] = {}
+    for (leading, *_), at in alike.items():
+        above, below = _zero_order_hold(
+            np.array([systems[n].numerator[leading:] for n in at], dtype=np.float64),
+            np.array([systems[n].denominator for n in at], dtype=np.float64),
+            np.array([ticks[n][1] for n in at]),
+            h,
+        )
+        result |= {n: (above[k], below[k], ticks[n][0]) for k, n in enumerate(at)}
+    return [result[n] for n in range(len(systems))]
+
+
+def _ticks(system: TransferFunction, h: float) -> tuple[int, float]:
+    """The whole ticks of h [s] in a system's delay, and the part of one that is left; a mere gain acts at ticks only."""
     if system.delay > _MOST_TICKS * h:
         raise UsageError(
             f"the model's delay of {system.delay:.3g} s is more than {_MOST_TICKS} sample times of {h:g} s; a loop "
             "can't be closed around that"
         )
-    whole, part = divmod(max(system.delay, 0.0), h)
-    part /= h
-    d = np.asarray(system.denominator, dtype=np.float64)
-    n = np.trim_zeros(np.asarray(system.numerator, dtype=np.float64), "f")
-    order = len(d) - 1
-    if len(n) > order + 1:
+    zeros = len(system.numerator) - _leading_zeros(system.numerator) - 1
+    if zeros > len(system.denominator) - 1:
         raise UsageError(f"sampled loop: {system}; expected no more zeros than poles")
+    whole, part = divmod(max(system.delay, 0.0), h)
+    if len(system.denominator) == 1:
+        return int(whole) + (part > 0), 0.0
+    return int(whole), part / h
+
+
+def _leading_zeros(polynomial: Sequence[float]) -> int:
+    return next((n for n, coefficient in enumerate(polynomial) if coefficient), len(polynomial))
+
+
+def _zero_order_hold(n: Array, d: Array, part: Array, h: float) -> tuple[Array, Array]:
+    """N(w) and D(w) of systems (M, m + 1) and (M, k + 1) of one form whose input holds and is a `part` (M,) of a tick late.
+
+    One form: the denominators have the same number of roots at zero, and either all inputs are late or none.
+    """
+    order = d.shape[1] - 1
     powers = h ** np.arange(order + 1.0)
-    a = d / d[0] * powers  # of s^order ... 1 in ticks
-    full = np.concatenate([np.zeros(order + 1 - len(n)), n]) / d[0] * powers
-    direct, c = full[0], full[1:] - full[0] * a[1:]
+    a = d / d[:, :1] * powers  # of s^order ... 1 in ticks
+    full = np.concatenate([np.zeros((len(n), order + 1 - n.shape[1])), n], axis=1) / d[:, :1] * powers
+    direct, c = full[:, :1], full[:, 1:] - full[:, :1] * a[:, 1:]
     if not order:
-        late = int(whole) + (part > 0)
-        return np.array([direct]), np.ones(1), late
-    rest, early = _steps(a, 1 - part), _steps(a, part) if part else None
-    transition, forced = rest
-    first = forced
-    if early is not None:
-        transition, before = rest[0] @ early[0], rest[0] @ early[1]
+        return direct, np.ones_like(direct)
+    late = bool(part.any())
+    transition, forced = _steps(a, np.array([1 - part, part] if late else [1 - part]))
+    inputs = [forced[0]]
+    if late:
+        inputs.append(transition[0] @ forced[1])
+        transition = transition[:1] @ transition[1:]
     identity = np.eye(order)
     # (zI - A) = ((I + A) w + I - A)/(1 - w), so that the system in w has the matrix (I + A)⁻¹(A - I).
-    both = identity + transition
-    matrix = np.linalg.solve(both, transition - identity)
-    below: Array = _tangents(d, h)
-    rows = _adjugate_row(
-        c, np.asarray(matrix, dtype=np.float64), below
-    )  # of C adj(wI - A_w), the highest power first
-    above = np.convolve([-1.0, 1.0], rows @ np.linalg.solve(both, first))
-    if early is not None:  # z⁻¹ = (1 - w)/(1 + w)
-        delayed = np.convolve([-1.0, 1.0], rows @ np.linalg.solve(both, before))
-        above = np.convolve(above, [1.0, 1.0]) + np.convolve(delayed, [-1.0, 1.0])
-        if direct:
-            above = np.polyadd(above, direct * np.convolve(below, [-1.0, 1.0]))
-        below = np.convolve(below, [1.0, 1.0])
-    elif direct:
-        above = np.polyadd(above, direct * below)
-    return np.asarray(above), below, int(whole)
+    solved = np.linalg.solve(
+        identity + transition[0], np.concatenate([transition[0] - identity, *inputs], axis=-1)
+    )
+    matrix, inputs_in_w = solved[..., :order], solved[..., order:]
+    below = _tangents(d, h)
+    rows = _adjugate_rows(c, matrix, below) @ inputs_in_w  # C adj(wI - A_w) B of each input
+    minus, plus = np.array([-1.0, 1.0]), np.array([1.0, 1.0])
+    above = product(rows[..., 0], minus)
+    if late:  # z⁻¹ = (1 - w)/(1 + w)
+        above = product(above, plus) + product(product(rows[..., 1], minus), minus)
+        if n.shape[1] > order:
+            above += direct * product(below, minus)
+        return above, product(below, plus)
+    return (above + direct * below if n.shape[1] > order else above), below
 
 
-def _steps(a: Array, length: float) -> tuple[Array, Array]:
-    """The transition of the states over a number of ticks: e^(At), and Γ(t) of a constant input; A in the controllable form."""
-    order = len(a) - 1
-    block = np.zeros((order + 1, order + 1))
-    block[0, :order], block[0, order] = -a[1:], 1.0
-    block[1:order, : order - 1] = np.eye(order - 1)
-    whole = matrix_exponential(block * length)
-    return whole[:order, :order], whole[:order, order]
+def _steps(a: Array, lengths: Array) -> tuple[Array, Array]:
+    """The transitions of the states (…, n, n) over numbers of ticks: e^(At), and Γ(t) (…, n, 1) of a constant input.
+
+    A is in the controllable form, by its polynomials (M, n + 1); `lengths` (…, M).
+    """
+    order = a.shape[1] - 1
+    block = np.zeros((len(a), order + 1, order + 1))
+    block[:, 0, :order], block[:, 0, order] = -a[:, 1:], 1.0
+    block[:, 1:order, : order - 1] = np.eye(order - 1)
+    whole = matrix_exponential(block * lengths[..., None, None])
+    return whole[..., :order, :order], whole[..., :order, order:]
 
 
 def _tangents(d: Array, h: float) -> Array:
-    """The denominator in w: a pole p has become tanh(ph/2), one at zero stays there exactly."""
-    body = np.trim_zeros(d, "b")
-    own = np.real(np.poly(np.tanh(0.5 * h * np.roots(body)))) if len(body) > 1 else np.ones(1)
-    return np.concatenate([np.atleast_1d(own), np.zeros(len(d) - len(body))])
+    """The denominators (M, n + 1) in w: a pole p has become tanh(ph/2), one at zero stays there exactly."""
+    below = np.zeros(d.shape, dtype=np.complex128)
+    below[:, 0] = 1.0
+    for k, root in enumerate(np.tanh(0.5 * h * roots(d)).T):
+        below[:, 1 : k + 2] -= below[:, : k + 1] * root[:, None]
+    return np.asarray(below.real)
 
 
-def _adjugate_row(c: Array, a: Array, below: Array) -> Array:
-    """The coefficients (n, n) of C adj(wI - A), the highest power first, by Faddeev's and Leverrier's recursion."""
-    row, rows = c, [c]
-    for coefficient in below[1:-1]:
-        row = row @ a + coefficient * c
-        rows.append(row)
-    return np.array(rows)
+def _adjugate_rows(c: Array, a: Array, below: Array) -> Array:
+    """The coefficients (M, n, n) of C adj(wI - A), the highest power first, by Faddeev's and Leverrier's recursion."""
+    rows = [c]
+    for k in range(1, below.shape[1] - 1):
+        rows.append((rows[-1][:, None] @ a)[:, 0] + below[:, k, None] * c)
+    return np.stack(rows, axis=1)
 
 
 def sampled_margins(loop: SampledLoop) -> Margins:
@@ -415,13 +469,13 @@ class _Course:
 
     def turning_points(self) -> list[float]:
         """The points at which phase or magnitude stop rising or falling, or jump [v]: with α = atan v, dα/dv = 1/(1 + v²)."""
-        phase, magnitude, squared = slopes(self.ratio)
-        held = np.polysub(np.convolve(phase, [1.0, 1.0]), 2.0 * self.whole * squared)
+        phase, magnitude, squared = slopes(*map(np.asarray, (self.ratio.numerator, self.ratio.denominator)))
+        held = difference(np.convolve(phase, [1.0, 1.0]), 2.0 * self.whole * squared)
         turning = [*positive_roots(held), *(positive_roots(magnitude) if len(magnitude) else ())]
         jumps = [
             abs(root.imag)
             for root in (*self.phase.zeros, *self.phase.poles)
-            if root.imag and abs(root.real) <= _LEVEL * abs(root.imag)
+            if root.imag and abs(root.real) <= LEVEL * abs(root.imag)
         ]
         return [*(math.sqrt(square) for square in turning), *jumps]
 
@@ -459,12 +513,12 @@ def _between(
     edges = sorted({math.atan(v) for v in (*crossovers, *course.turning_points())})
     for alpha in edges:
         turns = course.turns(alpha)
-        if abs(turns - round(turns)) < _LEVEL:
+        if abs(turns - round(turns)) < LEVEL:
             yield course.factor(alpha), alpha
     for low, high in pairwise([0.0, *edges, _QUARTER]):
-        start, end = low + _EDGE * (high if low == 0 else low), high * (1 - _EDGE)
+        start, end = low + EDGE * (high if low == 0 else low), high * (1 - EDGE)
         first, last = course.turns(start), course.turns(end)
-        levels = range(math.ceil(min(first, last) + _LEVEL), math.floor(max(first, last) - _LEVEL) + 1)
+        levels = range(math.ceil(min(first, last) + LEVEL), math.floor(max(first, last) - LEVEL) + 1)
         rises = first < last
         if len(levels) > 1 and not apart(course.factor(start)) < apart(course.factor(end)):
             rises = not rises

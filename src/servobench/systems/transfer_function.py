@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -38,8 +39,8 @@ class TransferFunction:
     def __post_init__(self) -> None:
         for name in ("numerator", "denominator"):
             coefficients = getattr(self, name)
-            if not isinstance(coefficients, Sequence | np.ndarray) or not all(
-                isinstance(each, Real) for each in coefficients
+            if not isinstance(coefficients, tuple | Sequence | np.ndarray) or not all(
+                isinstance(each, float | Real) for each in coefficients
             ):
                 raise UsageError(
                     f"{name} is {text_of_value(coefficients)}; expected numbers, highest power of s first"
@@ -49,7 +50,7 @@ class TransferFunction:
         if (
             not self.numerator
             or not self.denominator
-            or not all(np.isfinite(values))
+            or not all(map(math.isfinite, values))
             or self.denominator[0] == 0
         ):
             raise UsageError(
@@ -69,6 +70,8 @@ class TransferFunction:
     @property
     def poles(self) -> NDArray[np.complex128]:
         """The roots of the denominator [1/s], (P,), slowest first."""
+        if len(self.denominator) == 2:  # a first-order motor, whose poles are asked for thousands of times
+            return np.array([-self.denominator[1] / self.denominator[0]], dtype=np.complex128)
         roots = np.asarray(np.roots(self.denominator), dtype=np.complex128)
         return roots[np.argsort(np.abs(roots))]
 

@@ -1,7 +1,9 @@
 """Truth: algebra, quantiles of known distributions, and coverage against motors marched in small steps."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import control
@@ -29,6 +31,7 @@ from servobench.identification.uncertainty.propagation import (
     loop_margins,
     open_loop,
     propagate,
+    propagate_of_each,
 )
 from servobench.systems.transfer_function import TransferFunction
 from tests.datasets import dataset
@@ -105,6 +108,41 @@ def test_what_is_straight_takes_few_evaluations_and_what_is_bent_is_sampled() ->
     # it is by far more.
     assert not propagate(fit(), lambda m: np.array([m["gain"] ** 10])).sampled.any()
     assert propagate(fit(sd=100 * SD), lambda m: np.array([m["gain"] ** 10])).sampled.all()
+
+
+def test_a_draw_that_makes_no_system_is_left_out_and_its_neighbours_are_not() -> None:
+    """One in forty may be missing: the draws beyond two standard deviations on one side are one in 44."""
+
+    def square(models: Sequence[Model], limit: float) -> Array:
+        z = np.array([(model["gain"] - K) / SD[0] for model in models])
+        if (z > limit).any():
+            raise UsageError("no such motor")
+        return np.column_stack([z + 0.3 * z**2])
+
+    everywhere = propagate_of_each(fit(), partial(square, limit=np.inf))
+    partly = propagate_of_each(fit(), partial(square, limit=2.3))  # one in 93
+    hardly = propagate_of_each(fit(), partial(square, limit=1.0))
+
+    assert everywhere.sampled.all()
+    assert partly.sampled.all()
+    assert partly.low[0] == pytest.approx(everywhere.low[0], rel=1e-9)
+    assert partly.high[0] < everywhere.high[0]
+    assert np.isnan(hardly.low[0])
+
+
+def test_rounding_is_no_share_of_a_parameter_that_the_data_dont_determine() -> None:
+    """(K τ)/K is τ, which an unknown K leaves alone, but for the last digits; 1e-6 K is no rounding."""
+    unknown = fit(covariance=np.diag([np.inf, *SD[1:] ** 2]))
+    alone, together = (
+        propagate(
+            unknown,
+            lambda m, share=share: np.array([m["gain"] * m["time_constant"] / m["gain"] + share * m["gain"]]),
+        )
+        for share in (0.0, 1e-6)
+    )
+
+    assert alone.high[0] == pytest.approx(TAU + TWO_SIDED * SD[1], rel=1e-6)
+    assert np.isnan(together.high[0])
 
 
 def test_of_many_values_that_change_most_along_nearly_one_line_one_is_enough() -> None:
