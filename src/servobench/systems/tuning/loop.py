@@ -14,12 +14,14 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.systems.control.sampled_law import sampled_law
 from servobench.systems.first_order import FirstOrderMotor
+from servobench.systems.margins import Margins
 from servobench.systems.sampled_loop import (
-    SampledLaw,
     SampledLoop,
     margins_and_gain_range,
     sampled_loop,
+    sampled_loops,
 )
+from servobench.systems.stability.loop_family import margins_and_gain_ranges
 from servobench.systems.transfer_function import TransferFunction
 from servobench.systems.tuning.base import Tunable
 
@@ -45,17 +47,15 @@ class LoopValue:
 
 def open_loop(controller: Tunable, gain: float, tau: float, delay: float, sample_time: float) -> SampledLoop:
     """Return the loop of a controller that runs every `sample_time` [s] around K/(τs + 1) with a delay [s]."""
-    return _around(sampled_law(controller, sample_time), gain, tau, delay, sample_time, controller.output)
+    law = sampled_law(controller, sample_time)
+    return sampled_loop(law, _angle(gain, tau, delay), sample_time, controller.output)
 
 
-def _around(
-    law: SampledLaw, gain: float, tau: float, delay: float, sample_time: float, output: str
-) -> SampledLoop:
-    """The loop of a law of the angle, also where it follows the speed: that is made of differences."""
-    motor = TransferFunction(
+def _angle(gain: float, tau: float, delay: float) -> TransferFunction:
+    """K/(s (τs + 1)): laws that follow the speed are made of differences of the angle."""
+    return TransferFunction(
         numerator=(gain,), denominator=(tau, 1.0, 0.0), delay=delay, output="position", unit="rad/V"
     )
-    return sampled_loop(law, motor, sample_time, output)
 
 
 def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, LoopValue]:
@@ -86,12 +86,10 @@ def least_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: floa
 
 def _margins_over(draws: Array, controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> Array:
     """One row for the motor as it is estimated, then one for each of the draws."""
-    law = sampled_law(controller, sample_time)
-    centre = (motor.gain.value, motor.time_constant.value, motor.delay)
-    loops = [
-        _around(law, k, tau, d, sample_time, controller.output) for k, tau, d in [centre, *draws.tolist()]
-    ]
-    return np.array([_of_the_loop(loop) for loop in loops])
+    motors = [_angle(*each) for each in draws.tolist()]
+    loops = sampled_loops(sampled_law(controller, sample_time), motors, sample_time, controller.output)
+    nominal = nominal_margins(controller, motor, sample_time)
+    return np.array([tuple(nominal.values()), *(_numbers(*each) for each in margins_and_gain_ranges(loops))])
 
 
 def _with_units(values: Array, low: Array, high: Array) -> dict[str, LoopValue]:
@@ -104,11 +102,12 @@ def _with_units(values: Array, low: Array, high: Array) -> dict[str, LoopValue]:
 def nominal_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, float]:
     """Return the same without intervals; `sample_time` is in s."""
     loop = open_loop(controller, motor.gain.value, motor.time_constant.value, motor.delay, sample_time)
-    return dict(zip(UNITS, _of_the_loop(loop), strict=True))
+    return dict(zip(UNITS, _numbers(*margins_and_gain_range(loop)), strict=True))
 
 
-def _of_the_loop(loop: SampledLoop) -> tuple[float, ...]:
-    margins, (low, high) = margins_and_gain_range(loop)
+def _numbers(margins: Margins, stable: tuple[float, float]) -> tuple[float, ...]:
+    """The values in the order of `UNITS`, by the margins and the factors on the gain between which the loop is stable."""
+    low, high = stable
     return (
         high,
         1 / low if low else math.inf,
