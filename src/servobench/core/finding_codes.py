@@ -397,6 +397,7 @@ _TABLE = (
     FindingCode("stall-of-one-voltage", "The shaft was stalled at one voltage only.", "Stall it at a second voltage."),
     FindingCode("stall-unused", "A record of a stalled shaft isn't used.", "The sentence says why."),
     FindingCode("stalled", "The guard stopped the motor because its shaft was held.", "Free the shaft."),
+    FindingCode("start-and-increment", "The times were computed from the start and the increment above the rows."),
     FindingCode("starts-at-rest", "The recording's format says that the motor rests at first."),
     FindingCode("static-friction", "The shaft starts at a larger input than it stops at.",
         "Identify records in which the motor keeps turning."),

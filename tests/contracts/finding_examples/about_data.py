@@ -147,12 +147,11 @@ def _table(code: str) -> Dataset:
     return replace(dataset(seed=1, samples=41, u=u, y=20.0 * u), findings=found)
 
 
-def _slow(code: str, step: float = 1.0) -> Dataset:
-    """A sample in so many seconds."""
+def _slow(code: str) -> Dataset:
+    """A sample each second."""
     found = (info(code, "The times are in seconds."),) if code else ()
     whole = sound()
-    times = 500 * step * whole.t_input
-    return replace(whole, t_input=times, t_output=times, findings=found)
+    return replace(whole, t_input=500 * whole.t_input, t_output=500 * whole.t_output, findings=found)
 
 
 def _wrapped(size: float) -> Dataset:
@@ -277,5 +276,4 @@ EXAMPLES = (
     _example("time-uneven", lambda: _jittered(0.9), lambda: _jittered(0.0)),
     _example("times-of-reading", lambda: _read_every(200), lambda: _read_every(1)),
     _example("time-unit-doubtful", lambda: _slow("time-recognised"), lambda: _slow("")),
-    _example("time-unit-doubtful", lambda: _slow("", 20.0), lambda: _slow("")),
 )

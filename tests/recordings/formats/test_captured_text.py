@@ -7,7 +7,7 @@ import pytest
 
 from servobench.core.errors import FormatError
 from servobench.core.finding import Severity
-from tests.recordings.formats.tables import codes, columns, finding, loaded
+from tests.recordings.formats.tables import codes, columns, finding, loaded, units
 
 NUMBERS = {"t": [0.0, 0.1, 0.2], "u": [1.0, 2.5, 2.5], "y": [0.0, 3.0, 7.0]}
 ROWS = ["0.0, 1, 0", "0.1, 2.5, 3", "0.2, 2.5, 7"]
@@ -117,3 +117,43 @@ def test_columns_without_a_name_are_called_by_their_number_in_findings(tmp_path:
     recording = loaded(tmp_path, "t,u,\n0,1,\n0.1,,4\n0.2,2,\n", "log.csv")
 
     assert "in `u` and `column_3`" in finding(recording.findings, "cell-empty").sentence
+
+
+def scope(header: str, rows: str = "0,1.5,0.25,,\n1,3.0,0.50,,\n2,-3.0,0.75,,\n") -> str:
+    return f"{header},Start,Increment,\nSequence,Volt,Volt,-1.000000e+00,2.000000e-02\n{rows}"
+
+
+def test_an_oscilloscopes_start_and_increment_are_its_times(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, scope("X,CH1,CH2"))
+
+    assert columns(recording) == {
+        "t": [-1.0, -0.98, -0.96],
+        "CH1": [1.5, 3.0, -3.0],
+        "CH2": [0.25, 0.5, 0.75],
+    }
+    assert units(recording) == {"t": "s", "CH1": "V", "CH2": "V"}
+    assert recording["CH1"].t is not None
+    assert recording["CH1"].t.tolist() == [-1.0, -0.98, -0.96]
+    assert (
+        "start of −1 s and an increment of 0.02 s"
+        in finding(recording.findings, "start-and-increment").sentence
+    )
+
+
+def test_a_cell_that_an_oscilloscope_left_empty_is_told_by_its_row_in_the_file(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, scope("X,CH1,CH2", "0,1.5,0.25,,\n1,,0.50,,\n2,-3.0,0.75,,\n"))
+
+    assert finding(recording.findings, "cell-empty").rows == (4, 4)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        scope("X,CH1,CH2").replace("2.000000e-02", "0"),
+        scope("X,CH1,CH2").replace("Increment", "Duration"),
+        scope("CH2").replace("Volt,Volt", "Volt"),
+    ],
+    ids=["no increment", "another name", "no channel for a column"],
+)
+def test_other_lines_above_a_table_are_no_times(text: str, tmp_path: Path) -> None:
+    assert "start-and-increment" not in codes(loaded(tmp_path, text).findings)

@@ -29,6 +29,7 @@ from servobench.recordings.formats.columns import LARGEST_TABLE, Heading, headin
 from servobench.recordings.formats.common_factor import about_factor, common_factor
 from servobench.recordings.formats.framed_rows import rules, without_frames
 from servobench.recordings.formats.labelled_values import SEPARATOR, without_labels
+from servobench.recordings.formats.start_and_increment import about_times, with_times
 from servobench.recordings.formats.time_stamps import (
     STAMP_FORMS,
     is_stamp,
@@ -179,6 +180,7 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
         lines = replace(lines, content=lines.content[1:], rows=lines.rows[1:])
     if not lines.content:
         raise FormatError(f"{name} has no rows: its lines are blank or comments")
+    lines, about_times_above = _with_times_from_above(lines)
     lines, factor, about_notation = _without_notation(lines, name)
     if separator is None:
         lines, separator, about_labels = _without_labels(lines)
@@ -207,6 +209,7 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
         usable,
     )
     findings = [
+        *about_times_above,
         *about_notation,
         *about_header,
         *_about_lines(lines, start, used),
@@ -249,6 +252,15 @@ def _with_clock(table: Table, clocks: Sequence[str]) -> Table:
         findings=(about_clock, *table.findings),
         stamped=table.stamped | ({len(table.headings)} if is_time else set()),
     )
+
+
+def _with_times_from_above(lines: _Lines) -> tuple[_Lines, list[Finding]]:
+    """The lines with the times of an oscilloscope that gives a start and an increment, and the finding on it."""
+    scope = with_times(lines.content)
+    if scope is None:
+        return lines, []
+    content, start, increment = scope
+    return replace(lines, content=content, rows=np.delete(lines.rows, 1)), [about_times(start, increment)]
 
 
 def _without_notation(lines: _Lines, name: str) -> tuple[_Lines, float, list[Finding]]:
