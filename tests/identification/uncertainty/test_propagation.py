@@ -95,6 +95,17 @@ def test_an_infinite_value_beside_a_straight_one_has_an_infinite_interval() -> N
     assert found.high[1] == pytest.approx(K + TWO_SIDED * SD[0], rel=1e-6)
 
 
+def test_an_infinite_value_beside_a_parameter_that_is_unknown_leaves_a_straight_one_alone() -> None:
+    """Its differences are no numbers, so that it may hang on the unknown one; nor is what the plane's edge leaves of it."""
+    covariance = np.diag(SD**2)
+    covariance[1, 1] = np.inf
+    unknown = fit(covariance=covariance)
+    result = propagate(unknown, lambda model: np.array([np.inf, model["gain"]]))
+
+    assert np.isnan([result.low[0], result.high[0]]).all()
+    assert [result.low[1], result.high[1]] == pytest.approx([K - TWO_SIDED * SD[0], K + TWO_SIDED * SD[0]])
+
+
 def test_what_is_straight_takes_few_evaluations_and_what_is_bent_is_sampled() -> None:
     seen: list[float] = []
 

@@ -245,7 +245,8 @@ def _follows_its_plane(fit: Fit, function: OfEach, value: Array, slopes: Array, 
     thetas = fit.model.theta + steps
     if (thetas < lower).any() or (thetas > upper).any():
         return False
-    off = np.abs(_attempts(function, fit.model, thetas, value) - value - steps @ slopes.T)[:, known]
+    at_edges = _attempts(function, fit.model, thetas, value)[:, known]
+    off = np.abs(at_edges - value[known] - steps @ slopes[known].T)
     return bool((off <= 0.25 * _BEND * half[known] + 1e-9 * np.abs(value[known])).all())
 
 
