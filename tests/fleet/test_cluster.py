@@ -17,16 +17,24 @@ from tests.fleet.motors import SETTINGS, comparable, write_fleet
 from tests.fleet.works import double
 
 distributed: Any = pytest.importorskip("distributed")
+dask: Any = pytest.importorskip("dask")
 
 pytestmark = pytest.mark.filterwarnings("default")  # Dask's own, about ports, files and time
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Two workers, each a process with one thread."""
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as found:
+    """Two workers, each a process with one thread.
+
+    A local cluster gives up the place of a worker that isn't there a while after its death, which on a busy computer may be the
+    moment of another death: then both places were gone, and the rest waited for ever.
+    """
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "1 hour"}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as found,
+    ):
         yield found
 
 

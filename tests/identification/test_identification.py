@@ -67,7 +67,7 @@ def test_a_motor_that_coasts_shows_its_time_constant_beside_one_that_is_driven()
 
     alone, together = identify(coast), identify([coast, step])
 
-    assert [each.sentence for each in alone.findings if "If the motor was coasting" in each.sentence]
+    assert [each.sentence for each in alone.findings if "If the motor was coasting here" in each.sentence]
     assert together.verdict == Verdict.TRUSTED
     assert together.fit is not None
     for name, true in (("gain", 24.0), ("time_constant", 0.5), ("coulomb_voltage", 1 / 3)):

@@ -24,7 +24,7 @@ def told(findings: list[Finding]) -> list[str]:
     return [each.sentence for each in findings if each.code in ("time-unit-doubtful", "size-absurd")]
 
 
-@pytest.mark.parametrize(("sample_time", "doubted"), [(0.0005, False), (0.002, True), (0.02, True)])
+@pytest.mark.parametrize(("sample_time", "doubted"), [(0.0005, False), (0.002, False), (0.02, True)])
 def test_samples_seconds_apart_are_doubted_whoever_gave_the_unit(sample_time: float, doubted: bool) -> None:
     said = told(about_data([a_thousand_times_slower(sample_time)]))
 

@@ -32,8 +32,8 @@ def _consequence(records: Sequence[Dataset], level: float) -> str:
     """What a level without end leaves open, and what to do."""
     if level == 0.0 and any(np.ptp(record.y) > 0 for record in records):
         return (
-            "which doesn't show what it does. If the motor was coasting, give a recording in which the input drives it as well "
-            "(several recordings are fitted jointly); if not, this is the wrong column"
+            "which doesn't show what it does; record steps between at least two levels. If the motor was coasting here, both "
+            "recordings can be fitted jointly; if something else drove it, this is the wrong column"
         )
     separable = "so gain and friction can't be separated; record steps between at least two levels"
     return f"{_at_speed(records)}{separable}{_RESTED if level else ''}"

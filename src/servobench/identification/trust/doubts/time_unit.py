@@ -10,7 +10,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
 _SLOW = 0.5  # s between samples: no motor is recorded so slowly on purpose
-_SLOWEST = 2.0  # s: nor on purpose by anybody who gives the unit
+_SLOWEST = 2.5  # s: nor on purpose by anybody who gives the unit
 
 
 def may_be_milliseconds(findings: Iterable[Finding], sample_time: float) -> bool:
