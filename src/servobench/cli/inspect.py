@@ -258,10 +258,11 @@ def _support(look: _Look) -> tuple[list[str], list[Finding]]:
         return [f"It can't be identified as it is: {lower_first(with_options(refusals[0].sentence))}"], []
     against = about_data([data])
     refused = any(each.severity is Severity.REFUSAL for each in against)
+    verb = "reads it so" if refused else "can use it as it is"
     low, high = f"{data.u.min():.4g}", f"{data.u.max():.4g}"
+    levels = low if low == high else f"{low} to {high}"
     text = (
-        f"`servobench identify` {'reads it so' if refused else 'can use it as it is'}: "
-        f"the output is a {data.kind} in {_unit_in(look.recording, data)}, {data.duration:.4g} s long, "
-        f"the input {low if low == high else f'{low} to {high}'} {data.input_unit}."
+        f"`servobench identify` {verb}: the output is a {data.kind} in {_unit_in(look.recording, data)}, "
+        f"{data.duration:.4g} s long, the input {levels} {data.input_unit}."
     )
     return [text, *(["That can't be identified:"] if refused else [])], against

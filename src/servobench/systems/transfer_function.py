@@ -39,6 +39,7 @@ class TransferFunction:
     def __post_init__(self) -> None:
         for name in ("numerator", "denominator"):
             coefficients = getattr(self, name)
+            # Plain tuples and floats, of which thousands are made, are recognised before the slower abstract classes.
             if not isinstance(coefficients, tuple | Sequence | np.ndarray) or not all(
                 isinstance(each, float | Real) for each in coefficients
             ):

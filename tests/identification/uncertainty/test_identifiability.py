@@ -11,9 +11,11 @@ from servobench.core.finding import Verdict
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.trust.doubts.base import DOUBTS
 from servobench.identification.uncertainty.identifiability import State, combinations, parameter_statuses
 from servobench.identification.uncertainty.purpose import good_for
 from servobench.identification.uncertainty.status_findings import about_answers
+from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 from tests.identification.test_one_level import stepped
 
@@ -118,8 +120,28 @@ def test_records_of_one_level_each_are_not_told_that_the_output_ignores_the_inpu
     result = identify(records)
     (refused,) = (finding for finding in result.findings if finding.code == "nothing-known")
 
-    assert "within each record the input stays at one level" in refused.sentence
+    assert "within each record input and speed stay as they are" in refused.sentence
     assert "fit-poor" not in {finding.code for finding in result.findings}
+
+
+def test_a_motor_that_sets_off_under_a_steady_input_is_told_that_a_model_explains_little(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The input was on before the first row, as far as the file says; the speed rises all the same, and isn't explained."""
+    about_fit = DOUBTS["fit_poor"].about_fit
+    base = dataset(seed=1, samples=200, sample_time=0.01, u=np.full(200, 5.0))
+    base = replace(base, input_before=5.0, kind="speed", output_unit="rad/s", quantum=None)
+    rising = replace(base, y=50.0 * -np.expm1(-np.arange(200.0) / 40.0))
+    steady = replace(base, y=50.0 + 0.5 * np.random.default_rng(1).standard_normal(200))
+    fit = fitted()
+    monkeypatch.setattr(Fit, "fit_percent", 10.0)
+
+    def codes(*records: Dataset) -> list[str]:
+        of_each = tuple(replace(fit.records[0], data=record) for record in records)
+        return [finding.code for finding in about_fit(replace(fit, records=of_each))]
+
+    assert codes(rising) == codes(rising, steady) == ["fit-poor"]
+    assert codes(steady) == []
 
 
 def test_an_output_that_the_model_explains_isnt_called_unrelated_to_the_input(

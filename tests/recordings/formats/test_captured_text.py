@@ -146,6 +146,12 @@ def test_a_cell_that_an_oscilloscope_left_empty_is_told_by_its_row_in_the_file(t
     assert finding(recording.findings, "cell-empty").rows == (4, 4)
 
 
+def test_an_oscilloscopes_start_and_increment_are_told_by_their_rows(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "# bench 3\n\n" + scope("X,CH1,CH2"))
+
+    assert finding(recording.findings, "start-and-increment").rows == (3, 4)
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -26,7 +26,7 @@ from servobench.identification.uncertainty.score_test import innovations_and_jac
 
 _LASTS = 1.5  # times what white noise would make: from there on the rounding of a shaft at rest is what makes intervals wide
 _WORTH = 0.64  # the product of two parameters' standard deviations over what they were: a fifth less of each
-_ASTRAY = 100.0  # times the sum of squares, ten times as far from the record: a torque of chance leads no estimate there
+_ASTRAY = 100.0  # times the sum of squares, ten times as far from the record: no random torque leads an estimate there
 _LOWER = 1.0 - 1e-3  # times: a sum of squares that is lower by less is that of the same minimum
 _AGREES = 3.0  # standard deviations of the wider estimate
 

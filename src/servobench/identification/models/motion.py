@@ -18,6 +18,8 @@ _ONE = 0.9  # of an input's power in one line of its spectrum: a sine
 _STILL = 1e-3  # of the largest speed: slower than that a motor stands
 _PERIODS = 3  # of a sine in a record: fewer are a step or a ramp
 _BACK = 0.1  # of the way: a position that comes back as far turned round
+_UNSTEADY = 0.3  # of the speed: what it may vary by
+_FEWEST = 10  # samples that show whether it does
 
 
 @keep_with_data
@@ -58,6 +60,18 @@ def smooth_speed(data: Dataset) -> Array:
         return data.y
     after, before = _apart(data)
     return (data.y[after] - data.y[before]) / (data.t_output[after] - data.t_output[before])
+
+
+def steady_speed(data: Dataset) -> float | None:
+    """Return the speed at which a motor turns throughout a record, in the unit of the position a second.
+
+    None where the input changes, or the speed varies by 30 % of it or more.
+    """
+    speed = smooth_speed(data)
+    middle = float(np.median(speed))
+    if len(speed) < _FEWEST or not (data.u == data.input_before).all():
+        return None
+    return middle if np.ptp(speed) < _UNSTEADY * abs(middle) else None
 
 
 def stands(data: Dataset) -> NDArray[np.bool_]:

@@ -8,6 +8,7 @@ from servobench.core.finding import Finding, info, refusal
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.motion import steady_speed
 from servobench.identification.uncertainty.composition import composition
 from servobench.identification.uncertainty.identifiability import (
     Combination,
@@ -62,10 +63,10 @@ def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:
         advice = f"record {principal[0].remedy}"
     elif fit.fit_percent > _FOLLOWS:
         advice = _any_gain(principal[0], fit)
-    elif all(record.data.has_steady_input for record in fit.records):
+    elif all(steady_speed(record.data) is not None for record in fit.records):
         advice = (
-            "within each record the input stays at one level, which doesn't show how the speed follows it. Record a step from "
-            "rest, or change the input while recording"
+            "within each record input and speed stay as they are, which doesn't show how one follows the other. Record a step "
+            "from rest, or change the input while recording"
         )
     else:
         advice = (

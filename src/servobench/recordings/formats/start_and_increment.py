@@ -43,13 +43,13 @@ def with_times(content: Sequence[str]) -> tuple[list[str], float, float] | None:
     return [",".join(["t [s]", *named]), *rows], start, increment
 
 
-def about_times(start: float, increment: float) -> Finding:
-    """Return the finding on times that begin at a start [s] and go on by an increment [s]."""
+def about_times(start: float, increment: float, rows: tuple[int, int]) -> Finding:
+    """Return the finding on times that begin at a start [s] and go on by an increment [s], as two rows of the file say."""
     sentence = (
         f"The times are the oscilloscope's: its rows have numbers, and the two lines above them a start of {plain(start)} s and "
         f"an increment of {plain(increment)} s."
     )
-    return info("start-and-increment", sentence, rows=(1, 2))
+    return info("start-and-increment", sentence, rows=rows)
 
 
 def _cells(line: str) -> list[str]:

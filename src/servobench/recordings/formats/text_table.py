@@ -260,7 +260,9 @@ def _with_times_from_above(lines: _Lines) -> tuple[_Lines, list[Finding]]:
     if scope is None:
         return lines, []
     content, start, increment = scope
-    return replace(lines, content=content, rows=np.delete(lines.rows, 1)), [about_times(start, increment)]
+    names, units = lines.rows[:2].tolist()
+    finding = about_times(start, increment, (names, units))
+    return replace(lines, content=content, rows=np.delete(lines.rows, 1)), [finding]
 
 
 def _without_notation(lines: _Lines, name: str) -> tuple[_Lines, float, list[Finding]]:

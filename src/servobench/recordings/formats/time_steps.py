@@ -18,9 +18,7 @@ STEP_NAMES = frozenset(
 _NAMES_WITH_UNIT = frozenset({"delta", "step", "period", "interval", "loop_time", "loop_period", "elapsed"})
 _FEWEST = 10  # rows
 _SPREAD = 2.0  # times the median, for nine steps of ten
-_GROWING = (
-    0.6  # of the rows that change: a column that grows more often may be times, also with each row twice
-)
+_GROWING = 0.6  # of the rows that change: a column that grows more often may be times
 _CHANGING = 0.1  # of the rows, below which a change or two say nothing
 _LONGEST = 10.0  # s: nobody samples a motor more slowly
 _SLOW = 0.5  # s: a step without a unit that would be longer is in a smaller unit
@@ -51,7 +49,7 @@ def step_unit(series: Series, symbol: str | None = None) -> str | None:
 
 
 def _grows(values: Array) -> bool:
-    """Whether values grow from row to row, as times do."""
+    """Whether values grow from row to row, as times do, also where each row stands twice."""
     changes = np.diff(values)
     changes = changes[changes != 0]
     return bool(len(changes) > _CHANGING * len(values) and np.mean(changes > 0) > _GROWING)

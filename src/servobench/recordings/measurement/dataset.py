@@ -107,7 +107,6 @@ class Dataset:
                 f"{self.name}: the current has shape {i.shape}, the output {self.y.shape}; expected a value in A for each value "
                 "of the output, NaN where it isn't known"
             )
-
         if self.rows is not None and self.rows.shape != self.y.shape:
             raise UsageError(
                 f"{self.name}: the rows have shape {self.rows.shape}, the output {self.y.shape}; expected a number for each "
@@ -219,11 +218,6 @@ class Dataset:
         if self._at_the_same_times:
             return self.sample_time if len(self.t_output) > 1 else float("inf")
         return float(np.median(np.diff(self.t_input))) if len(self.t_input) > 1 else float("inf")
-
-    @cached_property
-    def has_steady_input(self) -> bool:
-        """Whether the input stays at one level from before the first sample to the last."""
-        return bool((self.u == self.input_before).all())
 
     @cached_property
     def noise(self) -> float:

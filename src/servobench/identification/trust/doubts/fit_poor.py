@@ -5,12 +5,13 @@ from __future__ import annotations
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import share_explained
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.motion import steady_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 
 def _poor(fit: Fit) -> list[Finding]:
-    # Under a steady input a steady output is its own mean, and what is left to explain is noise.
-    if fit.fit_percent >= 50 or all(record.data.has_steady_input for record in fit.records):
+    # Of a motor that turns at one speed in each record, noise is all that is left to explain beside the mean.
+    if fit.fit_percent >= 50 or all(steady_speed(record.data) is not None for record in fit.records):
         return []
     return [
         warning(

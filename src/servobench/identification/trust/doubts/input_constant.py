@@ -8,7 +8,7 @@ import numpy as np
 
 from servobench.core.finding import Finding, refusal
 from servobench.core.rounding import with_unit
-from servobench.identification.models.motion import smooth_speed
+from servobench.identification.models.motion import smooth_speed, steady_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -29,7 +29,7 @@ def _input_constant(records: Sequence[Dataset]) -> list[Finding]:
 
 
 def _consequence(records: Sequence[Dataset], level: float) -> str:
-    """What a level without end leaves open, and what to do."""
+    """What an input that never changes leaves open, and what to do."""
     if level == 0.0 and any(np.ptp(record.y) > 0 for record in records):
         return (
             "which doesn't show what it does; record steps between at least two levels. If the motor was coasting here, both "
@@ -41,11 +41,10 @@ def _consequence(records: Sequence[Dataset], level: float) -> str:
 
 def _at_speed(records: Sequence[Dataset]) -> str:
     """The speed of a motor that keeps turning at one, which is what such a record does tell."""
-    speed = smooth_speed(records[0])
-    slow, steady, fast = np.percentile(speed, (5, 50, 95)).tolist()
-    if len(records) > 1 or len(speed) < _FEWEST or not fast - slow < _UNSTEADY * abs(steady):
+    speed = steady_speed(records[0])
+    if speed is None or len(records) > 1:
         return ""
-    return f"and the motor turns at {with_unit(steady, f'{records[0].position_unit}/s', 4)}, "
+    return f"and the motor turns at {with_unit(speed, f'{records[0].position_unit}/s', 4)}, "
 
 
 def _gets_to_speed(record: Dataset) -> bool:
