@@ -82,6 +82,13 @@ from servobench.recordings.reading import ReadingOptions, evidence_in, further_e
 from servobench.recordings.recording import Recording
 from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 
+# What follows from another finding, which says more.
+_CONSEQUENCES = {
+    "kind-mistaken": "nothing-known",
+    "output-stops": "delay-negative",
+    "gain-falls": "speed-levels-off",
+}
+
 
 def identify(
     data: object = None,
@@ -222,9 +229,7 @@ def _identify(
             judged = _judge(records, structure, estimator, nominal, validate_on, known)
     except NotIdentifiable as error:
         judged = replace(judged, findings=(refusal("not-identifiable", f"{error}."),))
-    findings += judged.findings
-    if any(finding.code == "kind-mistaken" for finding in findings):  # no further record would help
-        findings = [finding for finding in findings if finding.code != "nothing-known"]
+    findings = _without_consequences([*findings, *judged.findings])
     simulated = judged.fit.fit_percent if judged.fit else np.nan
     if is_unexplained(findings, simulated):
         codes = {finding.code for finding in findings}
@@ -236,7 +241,7 @@ def _identify(
         fit=judged.fit,
         answers=judged.answers,
         combinations=judged.combinations,
-        findings=tuple(_once(findings)),
+        findings=tuple(_once(_without_consequences(findings))),
         validation=judged.validation,
         operating_range=_operating_range(records),
         nominal=judged.nominal,
@@ -408,6 +413,13 @@ def _operating_range(records: Sequence[Dataset]) -> OperatingRange:
     return OperatingRange(
         input=(float(inputs.min()), float(inputs.max())), speed=(float(speeds.min()), float(speeds.max()))
     )
+
+
+def _without_consequences(findings: Sequence[Finding]) -> list[Finding]:
+    """The findings without those that follow from another one, which says more."""
+    codes = {finding.code for finding in findings}
+    implied = {consequence for cause, consequence in _CONSEQUENCES.items() if cause in codes}
+    return [finding for finding in findings if finding.code not in implied]
 
 
 def _once(findings: Sequence[Finding]) -> list[Finding]:

@@ -28,6 +28,8 @@ from tests.contracts.finding_examples.base import (
     fitted,
     sound,
     sound_fit,
+    staircase,
+    told,
     with_sd,
     with_values,
 )
@@ -162,6 +164,12 @@ def _speed_up_to(limit: float) -> Fit:
     return fitted(replace(data, y=y, applied=type(data.applied)(), quantum=None))
 
 
+@cache
+def _limited_to(limit: float) -> Fit:
+    """A staircase of ±1 to ±3 V from a driver that gives no more than a limit [V]."""
+    return fitted(told(staircase(), np.clip(staircase(), -limit, limit)))
+
+
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
     _example("fit-by-chance", _of_another_motor),
@@ -174,6 +182,7 @@ EXAMPLES = (
     _example("input-too-slow", lambda: _ramp(1), lambda: _ramp(10)),
     _example("kind-mistaken", _as_speed),
     _example("output-spikes", _with_spikes),
+    _example("speed-levels-off", lambda: _limited_to(1.4), lambda: _limited_to(3.0)),
     _example("structure-reverses", _one_way_that_reverses),
     Example(
         code="lag-not-split",

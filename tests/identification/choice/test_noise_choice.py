@@ -9,12 +9,14 @@ import pytest
 
 from servobench.identification.choice.noise_choice import allow_for_disturbance
 from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.estimators.delay_prior import is_in_several_places
 from servobench.identification.estimators.disturbance import Profile
 from servobench.identification.estimators.least_squares import lowest
 from servobench.identification.estimators.output_error import fit_minimum
 from servobench.identification.estimators.prediction_error import PredictionError
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.trust.validation import explains_the_colour
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 from tests.rig.motor.reference import Truth, march
@@ -94,3 +96,41 @@ def test_a_prediction_error_whose_simulation_is_far_from_the_record_is_not_taken
 
     monkeypatch.setattr(PredictionError, "fit_after", fit_astray)
     assert allow_for_disturbance(fit).estimator == "output_error"
+
+
+@pytest.mark.parametrize("noise", [1e-5, 3e-5])
+def test_a_random_torque_that_hides_the_delay_of_a_shaft_that_swings_is_allowed_for(noise: float) -> None:
+    """To output error several delays are as good, each with its own friction: it knew the gain to 20 %, not to 0.3."""
+    u = 5.0 * np.sin(2 * np.pi * 1.5 * 0.002 * np.arange(4000))
+    data = dataset(seed=3, samples=4000, u=u, torque_noise=noise, truth=Truth(coulomb_torque=0.006))
+    first = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+    assert is_in_several_places(first)
+
+    fit = allow_for_disturbance(first)
+
+    assert fit.estimator == "prediction_error"
+    assert fit.sd("gain") < 0.1 * first.sd("gain")
+    motor = Truth()
+    gain = motor.motor_constant / (motor.motor_constant**2 + motor.resistance * motor.viscous_friction)
+    low, high = fit["gain"].interval
+    assert low < gain < high
+
+
+def faintly_coloured(memory: float) -> Fit:
+    """The fit of a motor without friction behind noise of which each value keeps a part of the one before."""
+    plain = dataset(seed=1, kind="prbs", samples=5000, truth=Truth(coulomb_torque=0.0, inductance=1e-9))
+    white = np.random.default_rng(2).standard_normal(5001)
+    y = plain.y + 0.02 * (white[1:] + memory * white[:-1])
+    return ESTIMATORS["output_error"].fit(STRUCTURES["first_order"], [replace(plain, y=y, quantum=None)])
+
+
+def test_a_faint_colour_that_no_torque_makes_widens_nothing() -> None:
+    """The other weighing knows a tenth as much where noise is white: what the two differ by is no error of the model."""
+    fit = faintly_coloured(0.1)
+    assert not explains_the_colour(fit)
+
+    assert allow_for_disturbance(fit) is fit
+
+
+def test_a_plain_colour_is_weighed_twice() -> None:
+    assert "weighed-twice" in {each.code for each in allow_for_disturbance(faintly_coloured(-0.7)).findings}

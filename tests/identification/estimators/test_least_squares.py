@@ -167,3 +167,16 @@ def test_a_search_goes_on_as_long_as_it_comes_down_by_much(off: tuple[float, flo
 
     assert found.converged
     assert found.cost == pytest.approx(whole.cost, rel=1e-9)
+
+
+def test_a_search_that_comes_to_the_end_of_another_one_ends_there() -> None:
+    data = (dataset(seed=1, kind="prbs", samples=700),)
+    structure = STRUCTURES["first_order_coulomb"]
+    layout = Layout(structure, data)
+    start = structure.guesses(data)[0]
+    end = descent(layout, start)
+    beside = start.copy()
+    beside[:2] *= 1.3
+
+    assert descent(layout, beside, ends=[end]) is end
+    assert len(lowest(structure, data, [start, beside]).others) == 0

@@ -58,3 +58,17 @@ def test_the_offset_of_a_short_noisy_record_reaches_as_far_as_the_mixture(
 
     assert reaching.sd("offset_voltage") > 1.3 * of_its_variance.sd("offset_voltage")
     assert reaching.sd("gain") >= of_its_variance.sd("gain")
+
+
+def test_rounding_that_lasts_is_not_taken_for_a_torque() -> None:
+    """A slow swing with rests behind a coarse encoder: its rounding wanders, but every count is where the model puts it."""
+    t = 0.002 * np.arange(4000)
+    truth = Truth(inductance=1e-9, viscous_friction=0.0, coulomb_torque=0.002)
+    data = dataset(seed=1, u=1.2 * np.sin(2 * np.pi * t), samples=4000, truth=truth)
+    fit = ESTIMATORS["interval_likelihood"].fit(STRUCTURES["first_order_coulomb"], [data])
+
+    wider = with_unseen_torque(fit)
+
+    (line,) = (each for each in wider.budget if each.source == unseen_torque.SOURCE)
+    gain = fit.model.names.index("gain")
+    assert line.covariance[gain, gain] < 4 * fit.covariance[gain, gain]

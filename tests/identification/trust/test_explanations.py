@@ -168,6 +168,16 @@ def test_how_much_an_input_beyond_a_limit_still_does_is_stated(slope: float) -> 
     assert (f"act only {100 * slope:.0f} % as much" in found[0].sentence) == (slope > 0)
 
 
+def test_a_limit_that_no_input_came_near_is_not_said_to_have_been_seen() -> None:
+    """±4 and ±12 V, of which 6 V reach the motor."""
+    u = np.repeat(np.random.default_rng(5).choice([-12.0, -4.0, 4.0, 12.0], 30), 100)
+
+    (cause,) = explain([replace(_ideal(np.clip(u, -6.0, 6.0), 0.002), u=u)])
+
+    assert cause.code == "gain-falls"
+    assert "Inputs from 12 V on act like about 6 V:" in cause.sentence
+
+
 def test_a_limit_in_a_record_of_eighty_samples_is_explained() -> None:
     """A loop on a small board logs every 35 ms: ±10 V in steps, of which 3 V reach a motor of 0.1 s."""
     u = np.repeat(np.random.default_rng(5).choice([-10.0, -6.0, -2.0, 2.0, 6.0, 10.0], 16), 5)

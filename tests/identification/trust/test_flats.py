@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servobench.identification.identify import identify
 from servobench.identification.trust.doubts.base import DOUBTS
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
@@ -246,3 +247,27 @@ def test_a_start_behind_a_coarse_encoder_is_no_blocked_shaft(late: int) -> None:
     data = dataset(seed=1, samples=260, sample_time=0.006, u=np.where(t < 0.1, 0.0, 0.5), y=y)
 
     assert told(replace(data, quantum=quantum)) == set()
+
+
+def switched_off(off: float) -> NDArray[np.float64]:
+    """Levels of 2 and 4 V, and nothing from a time [s] on, though 4 V are logged."""
+    t = np.arange(SAMPLES) * SAMPLE_TIME
+    return np.where(t < off, np.where(t < 1.0, 0.0, np.where(t < 5.0, 2.0, 4.0)), 0.0)
+
+
+@pytest.mark.parametrize("as_speed", [False, True])
+def test_a_motor_that_runs_down_under_an_input_was_switched_off(as_speed: bool) -> None:
+    """The last half second of ten: a stretch that is too short to be missed as a rest, and makes the columns look misaligned."""
+    data = recorded(switched_off(9.5))
+    if as_speed:
+        data = replace(
+            data, kind="speed", y=np.gradient(data.y, SAMPLE_TIME), output_unit="rad/s", quantum=None
+        )
+    logged = replace(data, u=switched_off(11.0))
+
+    assert told(data) == set()
+    assert told(logged) == {"output-stops"}
+    result = identify(logged)
+    assert "delay-negative" not in {each.code for each in result.findings}
+    (stop,) = (each for each in result.findings if each.code == "output-stops")
+    assert "after 9.5" in stop.sentence

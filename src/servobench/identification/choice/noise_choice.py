@@ -21,13 +21,15 @@ from servobench.identification.estimators.prediction_error import (
     rounding_explains,
 )
 from servobench.identification.estimators.repetition import period, repeats, stretches_repeat
-from servobench.identification.trust.validation import explains_the_colour
+from servobench.identification.models.motion import turns_both_ways
+from servobench.identification.trust.validation import explains_the_colour, is_plainly_coloured
 from servobench.identification.uncertainty.score_test import innovations_and_jacobian
 
 _LASTS = 1.5  # times what white noise would make: from there on the rounding of a shaft at rest is what makes intervals wide
 _WORTH = 0.64  # the product of two parameters' standard deviations over what they were: a fifth less of each
 _ASTRAY = 100.0  # times the sum of squares, ten times as far from the record: no random torque leads an estimate there
 _LOWER = 1.0 - 1e-3  # times: a sum of squares that is lower by less is that of the same minimum
+_DETERMINED = 0.5  # of the scale of the prior of the delay: with what the prior adds the standard deviation would be a tenth less
 _AGREES = 3.0  # standard deviations of the wider estimate
 
 
@@ -40,7 +42,8 @@ def allow_for_disturbance(fit: Fit) -> Fit:
     """Return the fit itself, or prediction error's where the residuals say that a random torque acts on the motor.
 
     Where every count is where it should be there is nothing to allow for, or nothing but rounding.
-    Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error is the safer of two wrong
+    Where nothing speaks for a random torque a faint colour is chance, or the sandwich of output error has allowed for it. Where
+    a random torque leaves coloured innovations it isn't what acts on the motor; then output error is the safer of two wrong
     noise models, with a covariance that allows for what the other one makes of the same data. Where prediction
     error ends in a place with a lower sum of squares, output error had stopped in a local minimum, and searches again from there.
     """
@@ -68,6 +71,8 @@ def allow_for_disturbance(fit: Fit) -> Fit:
                 return allow_for_disturbance(lower)
         if _squares(allowing) > _ASTRAY * _squares(fit):
             return allow_for_misfit(fit)
+    if allowing is fit and not is_plainly_coloured(fit):
+        return fit
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
     return allowing if fed_back or explains_the_colour(allowing) else allow_for_misfit(fit)
 
@@ -127,9 +132,11 @@ def _torque_fit_if_delay_known(fit: Fit) -> Fit:
     """The fit with a random torque, if it explains the residuals and determines the delay.
 
     Output error took the delay from its prior. Otherwise another search would slide along the valley of undetermined delays, so
-    the fit stays; and where several places are as good, as it would know one of them only.
+    the fit stays; and where several places are as good, as it would know one of them only. Where a motor turns back again and
+    again it is the wrong noise model that can't tell them apart.
     """
-    if delay_prior.is_in_several_places(fit):
+    data = [record.data for record in fit.records]
+    if delay_prior.is_in_several_places(fit) and not turns_both_ways(data):
         return fit
     test = None if rounding_explains(fit) else disturbance_test(fit)
     if test is None or test.likelihood_ratio <= THRESHOLD:
@@ -138,8 +145,8 @@ def _torque_fit_if_delay_known(fit: Fit) -> Fit:
         allowing = PredictionError().fit_after(fit, test)
     except NotIdentifiable:  # too few blocks of samples that a random torque leaves apart
         return fit
-    prior = delay_prior.prior_of_delay(fit.model.structure, [record.data for record in fit.records])
-    if prior is None or not allowing.sd("delay") < delay_prior.TOLD * prior.scale:
+    prior = delay_prior.prior_of_delay(fit.model.structure, data)
+    if prior is None or not allowing.sd("delay") < _DETERMINED * prior.scale:
         return fit
     return allowing if explains_the_colour(allowing) else allow_for_misfit(fit)
 

@@ -180,8 +180,11 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     """
     fit = allow(base.fit)
     rival = base.fits.get("first_order_coulomb")
-    if fit.disturbance is None or rival is None or base.fit is rival:
+    if fit.disturbance is None or rival is None:
         return base, fit
+    if base.fit is rival:
+        vanished = fit.model["coulomb_voltage"] == 0
+        return (replace(base, findings=(_friction_vanished(),)) if vanished else base), fit
     with_friction = allow(rival)
     if with_friction.disturbance is None:
         return base, fit
@@ -214,6 +217,14 @@ def _friction_possible(gains: str) -> Finding:
     sentence = (
         "These data don't show for certain whether there is Coulomb friction, but it can't be left out: without it the gain "
         f"would be {gains}, with too narrow an interval."
+    )
+    return info("friction-possible", sentence, parameters=("coulomb_voltage",))
+
+
+def _friction_vanished() -> Finding:
+    sentence = (
+        "These data don't show for certain whether there is Coulomb friction: without a random torque the model needs it, beside "
+        "one there is none left."
     )
     return info("friction-possible", sentence, parameters=("coulomb_voltage",))
 

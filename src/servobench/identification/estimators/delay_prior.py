@@ -46,6 +46,7 @@ _USUAL_SURPRISE = 2.0 * float(np.log1p(_USUAL**2))
 _AS_LIKELY = 9.0  # in twice the logarithm of the posterior: places that lie further apart aren't in doubt
 _AS_WELL = 1.1  # times the sum of squares
 _ROUNDED = 0.4  # of a count: residuals that are smaller are mostly rounding, whose standard deviation is 0.29
+_APART = 0.02  # of the prior's scale: delays that lie closer together are one
 _STARTS = 3  # of a search with a delay that is held
 _SHORTEST = 0.01  # s, of the prior's scale
 
@@ -89,7 +90,9 @@ def where_expected(
     if np.isfinite(sd):
         shrunk += (prior.middle - delay) * sd**2 / (sd**2 + prior.scale**2)
     samples = _samples(data, minimum)
-    held = _minima_at(structure, data, minimum, prior.at, (prior.middle, shrunk))
+    apart = abs(shrunk - prior.middle) > _APART * prior.scale
+    values = (prior.middle, shrunk) if apart else (shrunk,)
+    held = _minima_at(structure, data, minimum, prior.at, values)
     best = _likeliest(data, held, prior, samples)
     if structure.friction:
         # An input that climbs in stairs determines parts of a sample: beside each held place one fits better.
@@ -200,8 +203,8 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     Its interval is left to the table of parameters: what is allowed for later, such as a model's error, is part of it.
     """
     value = float(minimum.theta[prior.at])
-    taken = f"about {with_unit(value, 's', 2)}" if value > 0 else "zero"
     usual = abs(value - prior.middle) <= prior.scale
+    taken = "zero" if usual and value <= 0 else f"about {with_unit(value, 's', 2)}"
     why = (
         f"{'a sample time or so, ' if value > 0 else ''}as is usual where a computer drives the motor"
         if usual

@@ -199,7 +199,11 @@ def lowest(
     """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) and `steps` as in `minimise`."""
     layout = Layout(structure, tuple(data))
     nearer = _in_the_valley(layout, starts, free)
-    ends = [descent(layout, start, free, steps) for start in nearer]
+    ends: list[Descent] = []
+    for start in nearer:
+        end = descent(layout, start, free, steps, ends=ends)
+        if not any(end is other for other in ends):
+            ends.append(end)
     others = [(end.point.theta, end.point.cost) for end in ends]
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
     # Of ends that are as good as each other, one where the search has settled.
@@ -256,6 +260,7 @@ def descent(
     free: NDArray[np.bool_] | None = None,
     steps: int = _STEPS,
     worth: float = 0.0,
+    ends: Sequence[Descent] = (),
 ) -> Descent:
     """Go from a start vector to a minimum of the sum of squared residuals; `free` (P + ΣQ,) says which entries may move (all).
 
@@ -263,7 +268,7 @@ def descent(
     to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them.
     Where steps are refused again and again the valley bends, and each refused one is tried along the next of `Layout.moves`.
     `start` (P + ΣQ,) is in the units of the parameters. Where the quadratic model, hardly damped, foretells a decrease of the
-    cost that is less than `worth`, the search ends.
+    cost that is less than `worth`, the search ends. At one of the settled `ends` of other starts, that is returned.
     """
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
@@ -287,6 +292,9 @@ def descent(
             damping = _lower_damping(damping, refused, gained, foretold)
             if done:
                 return _end_descent(point, None, True, f"converged in {step} steps")
+            known = next((end for end in ends if end.converged and _is_at(point, end, layout)), None)
+            if known is not None:
+                return known
         else:
             refusals += 1
             # Of a motor with gravity leaps from a rough slope find more than small steps.
@@ -405,6 +413,15 @@ def _small(change: Array, point: Point, layout: Layout) -> bool:
     """Whether a change moves the sum of squares by less than `_ENOUGH`² of the residual's variance."""
     samples = sum(len(record.y) for record in layout.data)
     return float(change @ point.h @ change) <= _ENOUGH**2 * point.cost / max(samples, 1)
+
+
+def _is_at(point: Point, end: Descent, layout: Layout) -> bool:
+    """Whether a point lies where another search ended: as low, and nearer than would show, measured by the curvature there."""
+    enough = _AS_LOW * end.point.cost / max(sum(len(record.y) for record in layout.data), 1)
+    if point.cost > end.point.cost + enough:
+        return False
+    apart = point.theta - end.point.theta
+    return float(apart @ end.point.h @ apart) <= enough
 
 
 def _end_descent(point: Point, change: Array | None, converged: bool, status: str) -> Descent:

@@ -12,6 +12,10 @@ where C is the covariance at a level and C₀ without a torque, δ the change of
 Raftery and Volinsky 1999). Such a mixture isn't normal: where a torque acts with a chance of one in ten only, an error of
 four of its standard deviations happens once in a hundred recordings. So each parameter has the standard deviation of a normal
 distribution that reaches as far as the mixture once in a hundred, where that is more.
+
+L takes rounding for white noise, and it isn't: it wanders slowly where a shaft turns slowly, which looks like a torque. Where all
+counts are where the model puts them, that is all that is known of the motion between them, and white noise of the same size
+stands for it.
 """
 
 from __future__ import annotations
@@ -25,12 +29,17 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.crossing import crossing
 from servobench.core.probability import normal_below
-from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.disturbance import Disturbance, Trial
 from servobench.identification.estimators.misfit_covariance import SOURCE as NOISE_MODEL
-from servobench.identification.estimators.prediction_error import PredictionError, linearise
+from servobench.identification.estimators.prediction_error import (
+    PredictionError,
+    linearise,
+    rounding_explains,
+)
 from servobench.identification.estimators.sizes import WEAK, sizes
+from servobench.recordings.measurement.dataset import Dataset
 
 SOURCE: Final = "random torque not seen"
 # By what part of the largest speed that its input can ask of it a motor wanders: below, nothing shows; above, it is seen.
@@ -57,7 +66,7 @@ def with_unseen_torque(fit: Fit) -> Fit:
 
 def _extra_covariance(fit: Fit) -> Array:
     """The additional covariance of the mixture over that without a torque (P, P)."""
-    data = [record.data for record in fit.records]
+    data = _with_white_rounding(fit)
     structure, tau, shared = fit.model.structure, fit.model["time_constant"], len(fit.model.theta)
     speed = abs(fit.model["gain"]) * max(float(np.abs(record.u).max(initial=0.0)) for record in data)
     q = 2.0 * (_LEVELS * speed) ** 2 / tau  # the speed wanders by √(q τ / 2)
@@ -73,6 +82,22 @@ def _extra_covariance(fit: Fit) -> Array:
     variances = np.diagonal(each, axis1=1, axis2=2)
     times = [tail_factor(weights, apart[:, n], variances[:, n], float(mixed[n, n])) for n in range(shared)]
     return np.asarray(np.outer(times, times) * mixed - each[0], dtype=np.float64)
+
+
+def _with_white_rounding(fit: Fit) -> list[Dataset]:
+    """The records, with noise of the size of rounding in place of the rounding where that is all that a fit leaves over."""
+    if not rounding_explains(fit):
+        return [record.data for record in fit.records]
+    random = np.random.default_rng(0)
+    return [_dither(record, random) for record in fit.records]
+
+
+def _dither(record: FittedRecord, random: np.random.Generator) -> Dataset:
+    """A record (N,) as if its counts had been rounded at random; one that is in the wrong place stays as far off."""
+    half = 0.5 * (record.data.quantum or 0.0)
+    noise = random.uniform(-half, half, len(record.residual))
+    off = record.residual - np.clip(record.residual, -half, half)
+    return replace(record.data, y=record.prediction + noise + off)
 
 
 def tail_factor(weights: Array, means: Array, variances: Array, variance: float) -> float:

@@ -86,6 +86,19 @@ def explains_the_colour(fit: Fit) -> bool:
     return max(_whiteness(_innovations_of_samples(fit, record)) for record in fit.records) <= _CHI2_99
 
 
+def is_plainly_coloured(fit: Fit) -> bool:
+    """Return whether the innovations of samples are coloured by more than chance makes of a million records, and by a good part.
+
+    A part is the sum of the squared autocorrelations over 20 lags: what is below is no more than a sandwich allows for.
+    """
+    for record in fit.records:
+        innovations = _innovations_of_samples(fit, record)
+        statistic = _whiteness(innovations)
+        if statistic > _CHI2_1E6 and statistic > _GOOD_PART * len(innovations):
+            return True
+    return False
+
+
 def _innovations_of_blocks(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> Array:
     """The innovations of blocks (B,) of a record of a fit that has a disturbance."""
     return innovations_of_blocks(record.residual, record.data, _state_of_motion(fit, record), disturbance)
@@ -135,6 +148,8 @@ def _size(fit: Fit, rounding: bool) -> Finding:
 
 # The 99 % point of χ² with 20 degrees of freedom.
 _CHI2_99 = 37.566
+_CHI2_1E6 = 65.42  # what a chance of one in a million exceeds
+_GOOD_PART = 0.1
 
 
 def _whiteness(residual: Array) -> float:

@@ -35,6 +35,7 @@ _NAMES = {
     "asymmetric": "drag_asymmetry",
     "winding": "electrical_time_constant",
 }
+_BOTH_WAYS = ("coulomb_voltage_forward", "coulomb_voltage_backward")
 TERMS = {
     "coulomb": "Coulomb friction",
     "stribeck": "friction that falls with the speed",
@@ -138,10 +139,22 @@ def _doubt(term: str, is_significant: bool, richer: Fit, allowed: Fit, fit: Fit)
         return about_lag[0].sentence
     if any(not allowed.sd(n) < 0.5 * abs(allowed.model[n]) for n in ("gain", "time_constant")):
         return "gain and time constant could no longer be determined"
+    if friction_drives(allowed):
+        return "friction would drive the motor"
     value, sd = amount(term, allowed)
     if not sd < 0.5 * value and not (is_significant and shifts_parameters(allowed, fit)):
         return f"its size isn't significantly different from zero ({number(value, 2)} ± {number(TWO_SIDED * sd, 1)})"
     return ""
+
+
+def friction_drives(fit: Fit) -> bool:
+    """Return whether the Coulomb voltages of the two directions have a negative sum, in which an offset cancels."""
+    both = [n for n, name in enumerate(fit.model.names) if name in _BOTH_WAYS]
+    if not both:
+        return False
+    variance = float(fit.covariance[np.ix_(both, both)].sum())
+    least = -TWO_SIDED * float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else 0.0
+    return float(fit.model.theta[both].sum()) < least
 
 
 def feedback_refusal(term: str, allowed: Fit, fit: Fit) -> tuple[str, Finding | None]:

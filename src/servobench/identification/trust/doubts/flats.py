@@ -35,6 +35,10 @@ _PARTS = 8  # of a record: an input that alternates within them may be too fast 
 _ALTERNATES = 0.1  # of the largest input, as the standard deviation of its means over the parts
 _COUNTED = 50.0  # quanta that show whether a motion is even
 _ONE_STEP = 0.51  # quanta by which even motion may be off its line: half a step, and what a line of least squares adds
+_LONG = 20  # samples under one input, the second quarter of which shows an even speed
+_EVEN = 0.3  # of the speed: what an even one may vary by
+_SLOW = 0.1  # of the speed: so much is as good as rest, and as much less as good as none less
+_AT_REST = 3  # samples
 _ROUNDING = 1e-9  # of the range
 _TURNS_WITHIN = (
     3.0  # quanta: a shaft that goes no farther before and after it turned round may have done so unseen
@@ -93,7 +97,12 @@ def _of(data: Dataset) -> list[Finding]:
     if _turns_evenly(data, quantum):
         return [_even_motion(data)]
     flats = _flats(data, quantum)
-    return _clipping(data, flats, quantum) or _pile_up(data, quantum) or _stops(data, flats, quantum)
+    return (
+        _clipping(data, flats, quantum)
+        or _pile_up(data, quantum)
+        or _stops(data, flats, quantum)
+        or _runs_down(data, quantum)
+    )
 
 
 def _travels(data: Dataset, quantum: float) -> bool:
@@ -253,6 +262,40 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
             at = data.row_span(flat.first, flat.last)
             return [warning("output-stops", sentence, parameters=("gain", "time_constant"), rows=at)]
     return []
+
+
+def _runs_down(data: Dataset, quantum: float) -> list[Finding]:
+    """Whether a motor that turned evenly under an input comes to rest while it lasts: what is logged isn't what drove it."""
+    if data.input_unit in (data.position_unit, data.output_unit):
+        return []
+    quantum = (
+        quantum if data.kind == "position" else quantum * data.sample_time
+    )  # how far a shaft goes unseen
+    speed = smooth_speed(data)
+    fastest = float(np.percentile(np.abs(speed), 95))
+    changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
+    for rows in np.split(np.arange(len(data.y)), changes):
+        if len(rows) < _LONG or data.input_at_output[rows[-1]] == 0:
+            continue
+        settled = speed[rows[len(rows) // 4 : len(rows) // 2]]
+        usual = float(np.median(settled))
+        even = np.ptp(settled) <= _EVEN * abs(usual) and abs(usual) > _ABRUPT * fastest
+        at_rest = np.abs(speed[rows]) < _SLOW * abs(usual)
+        slow = len(rows) - 1 - int(np.flatnonzero(~at_rest)[-1]) if not at_rest.all() else 0
+        if even and slow >= _AT_REST and slow * data.sample_time * abs(usual) > _WOULD_GO * quantum:
+            first = int(rows[np.flatnonzero(np.abs(speed[rows]) > (1 - _SLOW) * abs(usual))[-1]])
+            return [_run_down(data, first, int(rows[-1]))]
+    return []
+
+
+def _run_down(data: Dataset, first: int, last: int) -> Finding:
+    level = with_unit(float(data.input_at_output[last]), data.input_unit, 3)
+    sentence = (
+        f"{data.name}: after {data.in_seconds(data.t_output[first])} the motor slows down to rest, although the input stays at "
+        f"{level}, which moved it before: the driver was switched off or the shaft blocked. Leave these rows out."
+    )
+    at = data.row_span(first, last)
+    return warning("output-stops", sentence, parameters=("gain", "time_constant", "delay"), rows=at)
 
 
 def _may_turn_within(data: Dataset, flat: _Flat, quantum: float) -> bool:

@@ -16,6 +16,7 @@ from servobench.identification.trust.explanations.equation import Regression
 _KNEES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95)
 _BELOW = (0.05, 0.95)  # of a limit: inputs there act in full and show by how much less those beyond it act
 _LESS = 0.8  # of the misfit is left if inputs beyond the limit act at all
+_NEAR = 1.2  # times a limit: without inputs that are as near, the limit itself wasn't seen
 _LEAST = 0.1  # of the effect below: less is none
 _SEEN = 0.01  # of the samples, at least, have such an input
 
@@ -55,16 +56,29 @@ def _bent(u: Array, limit: float, slope: float) -> Array:
 
 
 def _sentence(case: Case, limit: float, slope: float) -> str:
-    where = f"Inputs beyond about {plain(limit, 2)} {case.motions[0].data.input_unit}"
+    unit = case.motions[0].data.input_unit
+    where = f"Inputs beyond about {plain(limit, 2)} {unit}"
     if slope == 0.0:
+        least = _least_beyond(case, limit)
+        acts = (
+            f"{where} have no further effect"
+            if least < _NEAR * limit
+            else f"Inputs from {plain(least, 3)} {unit} on act like about {plain(limit, 2)} {unit}"
+        )
         return (
-            f"{where} have no further effect: the amplifier, the supply or the controller limits the voltage. Record the "
+            f"{acts}: the amplifier, the supply or the controller limits the voltage. Record the "
             "voltage that was applied, or stay below that level."
         )
     return (
         f"{where} act only {plain(100 * slope, 1)} % as much as those below: the amplifier, the supply or the motor's load "
         "bends the characteristic. Record the voltage that was applied, or identify each range of the input by itself."
     )
+
+
+def _least_beyond(case: Case, limit: float) -> float:
+    """The smallest input, without its sign, that is beyond a limit."""
+    inputs = np.abs(np.concatenate([each.u for each in case.motions]))
+    return float(np.min(inputs[inputs > limit], initial=float(inputs.max())))
 
 
 def _shows_a_limit(u: Array, limit: float) -> bool:
