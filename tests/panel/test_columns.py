@@ -56,6 +56,13 @@ def test_a_time_that_is_not_recognised_is_asked_for(tmp_path: Path) -> None:
     assert found["time"] == {"column": None, "unit": None}
 
 
+def test_a_column_of_text_is_proposed_for_nothing(tmp_path: Path) -> None:
+    rows = "".join(f"{k},{k % 3},{k * k},now,go,up\n" for k in range(20))
+    found = asked(tmp_path, f"a,pwm,angle,time,command,speed\n{rows}")
+
+    assert [found[role]["column"] for role in ("time", "input", "output")] == [None, "pwm", "angle"]
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [

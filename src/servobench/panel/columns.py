@@ -15,6 +15,7 @@ from servobench.recordings.formats.describe import describe
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.formats.roles import ColumnSpec, plain_name
 from servobench.recordings.formats.timing import seconds
+from servobench.recordings.formats.unreadable import has_numbers
 from servobench.recordings.recording import Recording, Series
 
 QUESTIONS = "columns.json"
@@ -83,7 +84,11 @@ def _column(series: Series) -> dict[str, Any]:
 
 def _time(recording: Recording, known: str | None) -> dict[str, str | None]:
     """The column of the times, and its unit where the file itself says one: what is usual may be wrong by a thousand."""
-    named = [each.channel for each in recording.series if plain_name(each.channel.name) in TIME_NAMES]
+    named = [
+        each.channel
+        for each in recording.series
+        if plain_name(each.channel.name) in TIME_NAMES and has_numbers(each)
+    ]
     if known is not None:
         column = ColumnSpec.parse(known).column
         named = [each.channel for each in recording.series if each.channel.name == column]

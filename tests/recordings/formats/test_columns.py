@@ -66,6 +66,16 @@ def table(*headers: str, **values: np.ndarray) -> Recording:
         ("motor_current_mA", "motor_current_mA", "mA"),
         ("encoder_A", "encoder_A", None),  # the first of two tracks
         ("RPM", "RPM", "rpm"),
+        ("left_speed_ms", "left_speed_ms", "m/s"),
+        ("wheelSpeed_ms", "wheelSpeed_ms", "m/s"),
+        ("velocidad_ms", "velocidad_ms", "m/s"),
+        ("vel_left_m_s", "vel_left_m_s", "m/s"),
+        ("average_speed_mps", "average_speed_mps", "m/s"),
+        ("speed_loop_ms", "speed_loop_ms", "ms"),
+        ("velocity_dt_ms", "velocity_dt_ms", "ms"),
+        ("speed_timestamp_ms", "speed_timestamp_ms", "ms"),
+        ("travel_ms", "travel_ms", "ms"),  # how long a travel took
+        ("speed [ms]", "speed", "ms"),
         ("min", "min", None),
         ("", "", None),
         ("\x1b[31mred", "?[31mred", None),
@@ -102,6 +112,8 @@ def test_names_are_made_to_differ_and_the_first_of_each_stays(names: list[str]) 
         ("current_A", "current"),
         ("motor_voltage_v", "motor_voltage"),
         ("encoder_A", "encoder_A"),
+        ("left_speed_ms", "left_speed"),
+        ("left_speed_m_s", "left_speed"),
         ("rpm", "rpm"),
         ("x_s", "x_s"),
     ],
@@ -210,7 +222,14 @@ def test_a_unit_row_counts_more_than_the_convention() -> None:
         (RISING[::-1], "it runs backwards; sort the rows"),
         (RISING[:1], "it has only one row"),
         (RISING * 0, "it stays the same from one row to the next 9 times"),
-        (RISING[[0, 5, 2, 7, 1, 9, 3, 8, 4, 6]], "it goes back 4 times; sort the rows by it"),
+        (
+            RISING[[0, 5, 2, 7, 1, 9, 3, 8, 4, 6]],
+            "it goes back 4 times; sort the rows by it, the earliest first",
+        ),
+        (
+            RISING[[0, 5, 2, 7, 1, 9, 3, 8, 4, 6]] ** 3,
+            "sort the rows by it if they are only out of order; a computed",
+        ),
     ],
 )
 def test_a_time_that_is_none_says_why(times: np.ndarray, why: str) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from servobench.core.channels import Channel
 from servobench.core.errors import MissingInformation, UsageError
+from servobench.core.finding import Severity
 from servobench.recordings.evidence import evidence_of
 from servobench.recordings.formats.likely_units import is_duty_name
 from servobench.recordings.formats.mapping import Mapping, assign
 from servobench.recordings.recording import Recording, Series, Source
-from tests.recordings.formats.tables import codes, finding
+from tests.recordings.formats.tables import codes, finding, loaded
 
 T = 0.01 * np.arange(100)
 SHAPE = np.where(np.arange(100) % 40 < 20, 1.0, -0.5)
@@ -27,6 +30,15 @@ def table(
         Series(channel=Channel(name=output, unit=None), values=y, t=T),
     )
     return Recording(name="table", series=series, source=Source(name="table.csv"))
+
+
+def log(folder: Path, header: str, begin: float = 0.0) -> Recording:
+    """A file with these names of times, an input and an output."""
+    rows = (f"{begin + 0.02 * k:.2f},{k % 7},{3 * k}\n" for k in range(50))
+    return loaded(folder, f"{header}\n" + "".join(rows))
+
+
+DOUBTS = {"unit-contradicted", "unit-overridden"}
 
 
 def question(recording: Recording, role: str, **options: str) -> str:
@@ -139,6 +151,73 @@ def test_counts_that_are_called_a_speed_are_doubted(output: str, is_doubted: boo
     if is_doubted:
         doubt = finding(evidence.recording.findings, "unit-contradicted")
         assert doubt.sentence.endswith(f"`output={output}:counts` and `chain=accumulate`.")
+
+
+@pytest.mark.parametrize(
+    ("output", "says", "factor"),
+    [
+        ("RPM:rad/s", "its name says rpm", "9.549"),
+        ("angle_deg:rad", "its name says deg", "57.3"),
+        ("speed_rpm:rpm", "", ""),
+        ("speed_rps:rev/s", "", ""),  # the same under another name
+    ],
+)
+def test_an_output_in_another_unit_than_its_name_ends_in_is_doubted(
+    output: str, says: str, factor: str, tmp_path: Path
+) -> None:
+    recording = log(tmp_path, f"t,u,{output.partition(':')[0]}")
+
+    doubts = [each for each in assign(recording, input="u:V", output=output).findings if each.code in DOUBTS]
+
+    assert [each.severity for each in doubts] == ([Severity.WARNING] if says else [])
+    assert all(says in each.sentence and f"by a factor of {factor}" in each.sentence for each in doubts)
+
+
+def test_a_unit_written_beside_the_name_counts_more_than_the_end_of_the_name(tmp_path: Path) -> None:
+    recording = log(tmp_path, "t,u,RPM [rad/s]")
+
+    assert not DOUBTS & set(codes(assign(recording, output="RPM:rad/s").findings))
+    overridden = finding(assign(recording, output="RPM:rpm").findings, "unit-overridden")
+    assert overridden.severity is Severity.INFO
+
+
+def test_a_unit_of_something_else_than_the_name_ends_in_is_no_matter_of_a_factor(tmp_path: Path) -> None:
+    recording = log(tmp_path, "t,u,encoder_counts")
+
+    assert (
+        finding(assign(recording, output="encoder_counts:deg").findings, "unit-overridden").severity
+        is Severity.INFO
+    )
+
+
+def test_an_input_in_another_unit_than_its_name_ends_in_is_doubted(tmp_path: Path) -> None:
+    recording = log(tmp_path, "t,u_mV,y [rad]")
+
+    doubt = finding(assign(recording, input="u_mV:V").findings, "unit-contradicted")
+    assert "by a factor of 1000. Say `input=u_mV:mV`, or rename the column" in doubt.sentence
+
+
+@pytest.mark.parametrize(("time", "is_doubted"), [("t_ms:s", True), ("t_ms:ms", False), ("t_ms", False)])
+def test_a_time_in_another_unit_than_its_name_ends_in_is_doubted(
+    time: str, is_doubted: bool, tmp_path: Path
+) -> None:
+    recording = log(tmp_path, "t_ms,u,y [rad]")
+
+    assigned = assign(recording, time=time)
+
+    assert ("unit-contradicted" in codes(assigned.findings)) is is_doubted
+
+
+def test_a_time_whose_values_are_dates_in_the_unit_that_was_said_is_not_doubted(tmp_path: Path) -> None:
+    recording = log(tmp_path, "t_ms,u,y [rad]", begin=1_700_000_000.0)
+
+    assert not DOUBTS & set(codes(assign(recording, time="t_ms:ms").findings))
+    assert "unit-contradicted" not in codes(assign(recording, time="t_ms:s").findings)
+
+
+def test_a_time_as_the_output_may_be_metres_per_second() -> None:
+    with pytest.raises(UsageError, match=r"If ms is m/s here, say `output=v_ms:m/s`"):
+        assign(table("u", output="v_ms"), input="u:V", output="v_ms:ms")
 
 
 def test_servo_pulses_as_the_input_are_to_be_converted() -> None:

@@ -12,6 +12,7 @@ from servobench.core.errors import FormatError, MissingInformation, UnitError, U
 from servobench.core.finding import Severity
 from servobench.recordings.formats.base import load
 from servobench.recordings.formats.mapping import Mapping, assign
+from servobench.recordings.formats.proposal import proposal
 from servobench.recordings.formats.roles import ColumnSpec
 from servobench.recordings.recording import Recording, Series, Source
 from tests.recordings.formats.tables import codes, finding, loaded
@@ -241,6 +242,36 @@ def test_what_was_commanded_and_what_was_applied_are_not_two_motors() -> None:
     assert "If there are several motors, choose one: `input=left`" in sides[0]
 
 
+def test_a_side_is_offered_only_where_it_leads_to_one_column() -> None:
+    names = ("left_pwm", "right_pwm", "left_pulses", "left_speed", "right_pulses", "right_speed")
+    asked = missing(made(*names))
+
+    assert asked[0].endswith("choose one: `input=left:UNIT`")
+    assert assign(made(*names), input="left:%", output="left_pulses:counts").input == "left_pwm"
+    assert asked[1].endswith("say `output=left_pulses:UNIT` or `output=right_pulses:UNIT`")
+    with pytest.raises(UnknownName):
+        assign(made(*names), input="left:%", output="left:counts")
+
+
+def test_a_side_that_is_also_a_column_is_not_offered() -> None:
+    asked = missing(made("left", "left_pwm", "right_pwm", "y", y="rad"))
+
+    assert "several motors" not in asked[0]
+
+
+def test_a_column_of_text_is_proposed_for_no_role(tmp_path: Path) -> None:
+    words = "command,speed,time,battery [V],setpoint [rad],direction [deg]"
+    rows = "".join(f"{10 * k},{k % 3},{k},go,up,now,full,left,none\n" for k in range(50))
+    recording = loaded(tmp_path, f"a,left_pwm,left_pulses,{words}\n{rows}")
+
+    asked = missing(recording)
+
+    names = [word.partition(" ")[0] for word in words.split(",")]
+    assert not [name for name in names for sentence in asked[:2] if f"`{name}`" in sentence]
+    proposed = [line for line in proposal([recording]).splitlines() if " = " in line]
+    assert not [line for line in proposed for name in names if f'"{name}' in line]
+
+
 def test_columns_that_differ_by_a_number_are_called_by_their_whole_names() -> None:
     asked = missing(made("Channel 1", "Channel 2", "y", y="rad", **{"Channel 1": "V", "Channel 2": "V"}))
 
@@ -465,8 +496,30 @@ def test_several_runs_in_one_file_are_an_error(t: np.ndarray) -> None:
 
 
 def test_rows_out_of_order_are_to_be_sorted() -> None:
-    with pytest.raises(FormatError, match=r"the time goes back \d+ times, .*\. Sort the rows by it"):
+    with pytest.raises(
+        FormatError, match=r"the time goes back \d+ times, .*\. Sort the rows by it; or name another"
+    ):
         with_times(np.random.default_rng(1).permutation(T))
+
+
+def test_a_duration_that_goes_back_all_along_may_be_no_time_and_its_longest_step_back_is_told() -> None:
+    """Seconds since 1970 plus up to 30 ms by chance: six digits of them are all alike."""
+    t = 1.7e9 + 0.03 * np.random.default_rng(2).random(100)
+    t[[40, 41]] = 1.7e9 + 0.05, 1.7e9 + 0.0015
+
+    with pytest.raises(FormatError) as caught:
+        with_times(t)
+
+    message = str(caught.value)
+    assert "the furthest by 48.5\u00a0ms, from 1700000000.05 s to 1700000000.0015 s at sample 42. " in message
+    assert "if it is no time but, for example, a computed duration, name another column" in message
+
+
+def test_a_time_that_begins_again_says_how_far_it_goes_back_and_where() -> None:
+    with pytest.raises(
+        FormatError, match=r"goes back once, by 1\.98\u00a0s, from 1\.98 s to 0 s at sample 101\. Put each"
+    ):
+        with_times(np.concatenate([T, T]))
 
 
 @pytest.mark.parametrize(("differs", "severity"), [(0.0, Severity.INFO), (1.0, Severity.WARNING)])

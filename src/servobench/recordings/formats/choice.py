@@ -11,14 +11,15 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import UnitError, UsageError
 from servobench.core.finding import Finding, info
-from servobench.core.units import is_unit, unit
+from servobench.core.units import unit
 from servobench.recordings.formats.columns import TIME_NAMES, Heading, heading, quote, time_unit
-from servobench.recordings.formats.likely_units import pulse_remedy, unit_examples
+from servobench.recordings.formats.likely_units import about_stated_unit, pulse_remedy, unit_examples
 from servobench.recordings.formats.roles import (
     REFERENCE_NAMES,
     VOLTS_BY_CONVENTION,
     ColumnSpec,
     Role,
+    column_of_side,
     controller_columns,
     find_series,
     full_scale,
@@ -31,6 +32,7 @@ from servobench.recordings.formats.roles import (
     sides_of,
 )
 from servobench.recordings.formats.sensitivity import Sensitivity, sensitivity
+from servobench.recordings.formats.unreadable import check_readable, has_numbers
 from servobench.recordings.recording import Recording, Series
 
 _MEANING = {"input": "what drives the motor", "output": "what was measured on the motor"}
@@ -74,6 +76,8 @@ def choose(
         series, findings, symbol = recording[candidates[0].name], [candidates[0].finding], candidates[0].unit
     name, unit_text = series.channel.name, series.channel.unit
     symbol = symbol or unit_text
+    if role in _MEANING:
+        check_readable(recording, series, role)
     if role in _MEANING and _holds_the_times(series):
         raise UsageError(
             f"{recording.name}: `{name}` holds the times; the {role} is {_MEANING[role]}: say `{role}=COL:UNIT` with "
@@ -99,18 +103,8 @@ def choose(
     if role == "output" and (scaled := sensitivity(symbol)) is not None:
         return _of_sensor(recording, series, scaled, findings)
     _check_unit(recording, role, series, symbol)
-    if unit_text not in (None, symbol) and not _is_the_same(unit_text, symbol):
-        findings.append(
-            info("unit-overridden", f"`{name}` is read in {symbol} instead of {unit_text}, as requested.")
-        )
+    findings += about_stated_unit(series, symbol, role)
     return Choice(series=_in_unit(series, symbol), findings=tuple(findings))
-
-
-def _is_the_same(one: str, other: str) -> bool:
-    """Whether two units are the same under two names, as counts and steps are."""
-    if not (is_unit(one) and is_unit(other)):
-        return False
-    return (unit(one).factor, unit(one).dimension) == (unit(other).factor, unit(other).dimension)
 
 
 def _in_unit(series: Series, symbol: str) -> Series:
@@ -162,9 +156,10 @@ def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -
         raise UsageError(f"{recording.name}: the current `{name}` is in {symbol}; expected A or mA")
     if role == "output" and what not in {"position", "speed"}:
         example = shell_text(f"{name}:142.9 rpm/V")
+        metres = f". If ms is m/s here, say `output={shell_text(f'{name}:m/s')}`" if symbol == "ms" else ""
         raise UsageError(
             f"{recording.name}: the output `{name}` is in {symbol}; expected a position (rad, deg, rev, counts, m), a speed "
-            f"(rad/s, deg/s, rpm, rev/s, counts/s, m/s), or a sensor's sensitivity, such as `output={example}`"
+            f"(rad/s, deg/s, rpm, rev/s, counts/s, m/s), or a sensor's sensitivity, such as `output={example}`{metres}"
         )
     if role == "input" and what == "time":
         raise UsageError(
@@ -208,16 +203,12 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
     if candidates:
         options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
         sentence = f"which column is the {role} (perhaps {quote(candidates)}): say {options}"
-        sides = sides_of(candidates)
         pulses = [
             recording[each] for each in candidates if quantity_of(recording[each].channel.unit) == "time"
         ]
         if pulses and role == "input":
             return f"{sentence}. {pulse_remedy(pulses[0])}"
-        if not sides or sides[0].isdecimal():  # which would be a column's number
-            return sentence
-        example = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
-        return f"{sentence}. If there are several motors, choose one: `{role}={shell_text(example)}`"
+        return f"{sentence}{_about_sides(recording, role, candidates)}"
     sentence = f"which column is the {role} ({_MEANING[role]}): say `{role}=COL:UNIT`; {_list_of(names)}"
     if role == "input":
         followed = [
@@ -234,6 +225,18 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
     return sentence
 
 
+def _about_sides(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
+    """The end of a sentence on columns of several motors, which are called by their sides where each leads to its own column."""
+    sides = sides_of(candidates)
+    if not sides or sides[0].isdecimal():  # which would be a column's number
+        return ""
+    # `left` leads nowhere where both `left_pulses` and `left_speed` may be meant.
+    if [column_of_side(recording, side, role) for side in sides] != list(candidates):
+        return ""
+    example = sides[0] if recording[candidates[0]].channel.unit else f"{sides[0]}:UNIT"
+    return f". If there are several motors, choose one: `{role}={shell_text(example)}`"
+
+
 def _free_columns(recording: Recording, role: Role, taken: Sequence[str]) -> list[str]:
     """The columns that may have a role still: as long as the longest, not the times, and not surely something else."""
     other: Role = "output" if role == "input" else "input"
@@ -244,6 +247,7 @@ def _free_columns(recording: Recording, role: Role, taken: Sequence[str]) -> lis
         for each in recording.series
         if len(each.values) == most
         and each.channel.name not in used
+        and has_numbers(each)
         and not _holds_the_times(each)
         and not (each.t is not None and plain_name(each.channel.name) in TIME_NAMES)
         and not (role == "input" and plain_name(each.channel.name) in REFERENCE_NAMES)
@@ -278,6 +282,8 @@ def _with_unit(recording: Recording, name: str) -> str:
 
 
 def long_columns(recording: Recording) -> str:
-    """Return the columns that are as long as the longest, as a list for a sentence; what is shorter is a setting, no signal."""
+    """Return the columns of numbers that are as long as the longest, as a list for a sentence; a shorter one is a setting."""
     most = max((len(each.values) for each in recording.series), default=0)
-    return quote([each.channel.name for each in recording.series if len(each.values) == most], 30)
+    return quote(
+        [each.channel.name for each in recording.series if len(each.values) == most and has_numbers(each)], 30
+    )

@@ -15,7 +15,7 @@ from servobench.core.finding import Finding, info
 from servobench.core.rounding import count_text
 from servobench.core.units import is_unit, unit
 from servobench.recordings.formats.epoch import epoch_unit
-from servobench.recordings.formats.times import is_out_of_order, time_base, time_findings
+from servobench.recordings.formats.times import is_out_of_order, sorts_evenly, time_base, time_findings
 from servobench.recordings.recording import Recording, Series, Source
 
 Rows = NDArray[np.int64]
@@ -54,6 +54,13 @@ _ENDING = re.compile(rf"(?:^|.*_)({'|'.join(sorted(_ENDINGS, key=len, reverse=Tr
 _CURRENT = re.compile(r"(?:.*_)?(?i:current|curr|i|ia|im|iq)_(A|mA)")
 # `bus_voltage_v` is a voltage; `motor_v` may be a velocity, and `u_mv` a manipulated variable.
 _VOLTAGE = re.compile(r"(?:.*_)?(?:voltage|emf|supply|battery|vbat|vbus|vin|volt)_(m?v)", re.IGNORECASE)
+# `left_speed_ms` is in metres per second, and `speed_loop_ms` a time; `m_s` by itself is the mass of something.
+_METRES = re.compile(
+    r"(?:.*(?:speed|veloci|vitesse|geschwindigkeit).*|(?:.*_)?vel(?:_.*)?)_(ms|m_s|mps)", re.IGNORECASE
+)
+_DURATION = re.compile(
+    r"time|stamp|period|delay|interval|duration|latency|loop|update|(?:^|_)(?:age|dt)(?:_|$)", re.IGNORECASE
+)
 # What stands in brackets and is no unit, as in `time(t)`, or in the underscores that a program puts in their place.
 REMARK = re.compile(r"(?P<name>.+?)(?:\s*[\[({<](?P<inside>[^\[\](){}<>]+)[\])}>]|_(?P<between>[^_\W]+)_)")
 _CLOSING = {"]": "[", ")": "(", "}": "{", ">": "<"}
@@ -135,6 +142,8 @@ def _bracket(text: str) -> tuple[str, str] | None:
 def _unit_in_name(name: str) -> str | None:
     if "/" in name and is_unit(name) and unit(name).quantity == "speed":
         return name
+    if _is_in_metres(name):
+        return "m/s"
     if current := _CURRENT.fullmatch(name):
         return current[1]
     if voltage := _VOLTAGE.fullmatch(name):
@@ -148,6 +157,11 @@ def _unit_in_name(name: str) -> str | None:
     return "s" if name.endswith("_s") and _is_time_word(name[:-2]) else None
 
 
+def _is_in_metres(name: str) -> bool:
+    """Whether a name is that of a speed and ends in metres per second, which is written like milliseconds."""
+    return _METRES.fullmatch(name) is not None and _DURATION.search(name) is None
+
+
 def _is_time_word(name: str) -> bool:
     return name.lower() in TIME_NAMES or name.lower().endswith(_LAST_WORDS)
 
@@ -156,7 +170,12 @@ def bare_name(name: str) -> str:
     """Return a name without a unit that it ends in: `theta` of `theta_deg`; a name that is a unit stays."""
     if _unit_in_name(name) is None:
         return name
-    ending = _CURRENT.fullmatch(name) or _VOLTAGE.fullmatch(name) or _ENDING.fullmatch(name)
+    ending = (
+        _CURRENT.fullmatch(name)
+        or _VOLTAGE.fullmatch(name)
+        or _METRES.fullmatch(name)
+        or _ENDING.fullmatch(name)
+    )
     return (name[: ending.start(1)] if ending else name.removesuffix("_s")).rstrip("_") or name
 
 
@@ -340,7 +359,10 @@ def _why_no_time(values: Array) -> str:
     if steps.min() >= 0:
         return f"it stays the same from one row to the next {count_text(int(np.sum(steps == 0)), 'time')}"
     if is_out_of_order(values):
-        return f"it goes back {count_text(int(np.sum(steps < 0)), 'time')}; sort the rows by it, the earliest first"
+        back = f"it goes back {count_text(int(np.sum(steps < 0)), 'time')}; sort the rows by it"
+        if sorts_evenly(values):
+            return f"{back}, the earliest first"
+        return f"{back} if they are only out of order; a computed duration, which goes back all along, is no time"
     return "it doesn't increase"
 
 

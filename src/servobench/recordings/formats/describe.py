@@ -14,6 +14,7 @@ from servobench.recordings.formats.columns import TIME_NAMES, heading, time_unit
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.formats.roles import ColumnSpec, Role, plain_name, quantity_of, recognise
 from servobench.recordings.formats.times import TimeBase, time_base
+from servobench.recordings.formats.unreadable import has_numbers
 from servobench.recordings.recording import Recording, Series, Source
 
 _ON_GRID = 0.95  # of the steps between the values of a quantised channel are whole numbers of its quantum
@@ -114,7 +115,9 @@ def channels_to_show(recording: Recording, most: int = 4) -> tuple[str, ...]:
             named.append(column if column in recording else ColumnSpec.parse(column).column)
             continue
         may_be = [
-            each.channel.name for each in recording.series if quantity_of(each.channel.unit) in quantities
+            each.channel.name
+            for each in recording.series
+            if quantity_of(each.channel.unit) in quantities and has_numbers(each)
         ]
         named += may_be[: most // 2]
     if len(named) > 1:

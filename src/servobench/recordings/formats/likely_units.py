@@ -7,9 +7,11 @@ import re
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.finding import Finding, warning
+from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import plain
-from servobench.core.units import unit
+from servobench.core.units import is_unit, unit
+from servobench.recordings.formats.columns import heading
+from servobench.recordings.formats.epoch import epoch_unit
 from servobench.recordings.formats.roles import CAPITAL, Role, quantity_of, shell_text
 from servobench.recordings.recording import Series
 
@@ -38,6 +40,14 @@ _DEFAULT: dict[Role, tuple[str, ...]] = {
     "reference": ("deg",),
     "supply": ("V",),
     "current": ("A",),
+}
+
+# What a wrong unit of each makes wrong.
+_FIGURES = {
+    "input": ("gain", "coulomb_voltage"),
+    "output": ("gain",),
+    "supply": ("gain", "coulomb_voltage"),
+    "time": ("gain", "time_constant", "delay"),
 }
 
 
@@ -98,6 +108,39 @@ def about_input_unit(series: Series, from_file: bool) -> list[Finding]:
         )
         return [warning("unit-contradicted", sentence, parameters=("gain", "coulomb_voltage"))]
     return []
+
+
+def about_stated_unit(series: Series, symbol: str, role: str) -> list[Finding]:
+    """Return what is to be known of a unit said for a channel with another one: a doubt where its name ends in that.
+
+    `role` is a `Role`, or `time`. Without a doubt there is nothing to be known of the same unit under another name.
+    """
+    name, own = series.channel.name, series.channel.unit
+    if own is None or _is_the_same(own, symbol):
+        return []
+    named = heading(name)
+    is_doubted = (
+        role in _FIGURES
+        and named.from_name
+        and named.unit == own
+        and unit(own).dimension == unit(symbol).dimension
+        and not (role == "time" and epoch_unit(series.values) == symbol)
+    )
+    if not is_doubted:
+        return [info("unit-overridden", f"`{name}` is read in {symbol} instead of {own}, as requested.")]
+    figures, factor = _FIGURES[role], unit(symbol).factor / unit(own).factor
+    sentence = (
+        f"`{name}` is read in {symbol}, as requested, but its name says {own}: one of the two is wrong, by a factor of "
+        f"{plain(max(factor, 1 / factor))}. Say `{role}={shell_text(f'{name}:{own}')}`, or rename the column if that is wrong."
+    )
+    return [warning("unit-contradicted", sentence, parameters=figures)]
+
+
+def _is_the_same(one: str, other: str) -> bool:
+    """Whether two units are the same under two names, as counts and steps are."""
+    if not (is_unit(one) and is_unit(other)):
+        return one == other
+    return (unit(one).factor, unit(one).dimension) == (unit(other).factor, unit(other).dimension)
 
 
 def about_output_unit(series: Series) -> list[Finding]:

@@ -232,7 +232,7 @@ class _Header:
         """The number of a field, None where it is none."""
         layout = text_table.Layout(separator=";", decimal=self.decimal)
         text = self.text(key)
-        if not layout.is_number(text) or not np.isfinite(value := float(text.replace(",", "."))):
+        if not layout.is_number(text) or not np.isfinite(value := layout.number(text)):
             return None
         return value
 

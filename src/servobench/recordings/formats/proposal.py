@@ -19,6 +19,7 @@ from servobench.recordings.formats.roles import (
     quantity_of,
     recognise,
 )
+from servobench.recordings.formats.unreadable import has_numbers
 from servobench.recordings.recording import Recording
 
 _WIDTH = 110
@@ -218,12 +219,13 @@ def _chain(recording: Recording, output: str | None) -> _Entry:
 
 
 def _names(recording: Recording) -> list[str]:
-    return [series.channel.name for series in recording.series]
+    """The channels that can have a role."""
+    return [series.channel.name for series in recording.series if has_numbers(series)]
 
 
 def _channels_of(recording: Recording, quantities: set[str]) -> list[str]:
     """The channels that measure one of some quantities, without those that are asked about as something else."""
-    names = [each.channel.name for each in recording.series if quantity_of(each.channel.unit) in quantities]
+    names = [name for name in _names(recording) if quantity_of(_unit(recording, name)) in quantities]
     return [name for name in names if plain_name(name) not in REFERENCE_NAMES and not may_be_supply(name)]
 
 

@@ -19,7 +19,7 @@ from servobench.recordings.formats.base import load
 from servobench.recordings.formats.columns import REMARK, bare_name, heading
 from servobench.recordings.formats.direction import with_sign
 from servobench.recordings.formats.sensitivity import sensitivity
-from servobench.recordings.formats.unreadable import demote_unused
+from servobench.recordings.formats.unreadable import demote_unused, has_numbers
 from servobench.recordings.recording import Recording, Series
 
 Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
@@ -137,7 +137,9 @@ def recognise(recording: Recording, role: Role, without: Sequence[str] = ()) -> 
     series = [
         each
         for each in recording.series
-        if each.channel.name not in without and not (role == "input" and may_be_supply(each.channel.name))
+        if each.channel.name not in without
+        and not (role == "input" and may_be_supply(each.channel.name))
+        and has_numbers(each)
     ]
     fitting = [each for each in series if _fits(role, plain_name(each.channel.name), each.channel.unit)]
     fitting = [each for each in fitting if not _numbers_the_rows(each)]
@@ -162,7 +164,9 @@ def controller_columns(recording: Recording) -> tuple[str, str] | None:
 
     None where there is no reference beside the two: then they are more likely the motor's. Source: PID_v1 of the Arduino.
     """
-    columns = {plain_name(each.channel.name): each.channel.name for each in recording.series}
+    columns = {
+        plain_name(each.channel.name): each.channel.name for each in recording.series if has_numbers(each)
+    }
     if not columns.keys() & REFERENCE_NAMES or not {"input", "output"} <= columns.keys():
         return None
     return columns["input"], columns["output"]
@@ -329,6 +333,14 @@ def _of_side(recording: Recording, spec: ColumnSpec, role: Role | None) -> Serie
         and plain_name(_without_side(each.channel.name, side)) in known
     ]
     return named[0] if len(named) == 1 else None
+
+
+def column_of_side(recording: Recording, side: str, role: Role) -> str | None:
+    """Return the column that `find_series` takes for the name of a side alone; None where there isn't just one."""
+    if side.lower() in (each.channel.name.lower() for each in recording.series):
+        return None
+    series = _of_side(recording, ColumnSpec(column=side), role)
+    return None if series is None else series.channel.name
 
 
 _JOINTS = "_. -"

@@ -30,14 +30,10 @@ from servobench.recordings.formats.common_factor import about_factor, common_fac
 from servobench.recordings.formats.framed_rows import rules, without_frames
 from servobench.recordings.formats.labelled_values import SEPARATOR, without_labels
 from servobench.recordings.formats.start_and_increment import about_times, with_times
-from servobench.recordings.formats.time_stamps import (
-    STAMP_FORMS,
-    is_stamp,
-    resembles_stamp,
-    seconds_from_first,
-)
+from servobench.recordings.formats.thousands import GROUPED_DIGITS, about_thousands, has_mark, without_marks
+from servobench.recordings.formats.time_stamps import is_stamp, seconds_from_first
 from servobench.recordings.formats.times import in_words
-from servobench.recordings.formats.unreadable import Texts, about_columns
+from servobench.recordings.formats.unreadable import Texts, about_columns, about_words
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 """The possible separators; the blank stands for any run of blanks and tabs."""
@@ -45,8 +41,14 @@ SEPARATORS = ("\t", ";", ",", "|", " ")
 _COMMENTS = ("#", "%", "//", ";")
 _WORDS = r"[+-]?(?:nan|inf(?:inity)?)"
 _NUMBER = {
-    ".": re.compile(rf"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|{_WORDS}", re.IGNORECASE),
-    ",": re.compile(rf"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:e[+-]?[0-9]+)?|{_WORDS}", re.IGNORECASE),
+    ".": re.compile(
+        rf"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?{GROUPED_DIGITS}(?:\.[0-9]*)?|{_WORDS}",
+        re.IGNORECASE,
+    ),
+    ",": re.compile(
+        rf"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?{GROUPED_DIGITS}(?:,[0-9]+)?|{_WORDS}",
+        re.IGNORECASE,
+    ),
 }
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+")
 _ONE_COMMA = re.compile(r"\s*[+-]?[0-9]+,[0-9]+(?:e[+-]?[0-9]+)?\s*", re.IGNORECASE)
@@ -97,6 +99,10 @@ class Layout:
     def is_number(self, cell: str) -> bool:
         """Return whether a cell is a number, NaN and infinity included."""
         return bool(_NUMBER[self.decimal].fullmatch(cell))
+
+    def number(self, cell: str) -> float:
+        """Return the number that a cell is, by `is_number`."""
+        return float(without_marks(cell).replace(",", "."))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -218,6 +224,8 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     ]
     if layout.decimal == ",":
         findings.insert(0, info("decimal-comma", "The commas inside numbers are decimal marks."))
+    if (example := _number_with_marks(lines.content[start:], layout)) is not None:
+        findings.insert(0, about_thousands(example))
     table = Table(
         headings=headings,
         values=values[usable],
@@ -228,6 +236,12 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
         stamped=stamped,
     )
     return _with_clock(table, clocks) if clocks else table
+
+
+def _number_with_marks(content: Sequence[str], layout: Layout) -> str | None:
+    """The first number with separators between thousands; None where there is none."""
+    cells = (cell for line in content if has_mark(line) for cell in layout.row(line) or ())
+    return next((cell for cell in cells if has_mark(cell) and layout.is_number(cell)), None)
 
 
 def _check_upright(values: Array, name: str, separator: str) -> None:
@@ -692,7 +706,7 @@ def _parse_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Faul
         else:
             for c, cell in enumerate(row):
                 if layout.is_number(cell):
-                    values[at, c] = float(cell.replace(",", "."))
+                    values[at, c] = layout.number(cell)
                 else:
                     faults.cell(_NO_NUMBER if cell else "cell-empty", k, c, cell)
     return values
@@ -720,16 +734,10 @@ def _about_cells(
     nan = np.isnan(values) & usable[:, None]
     nan[:, list(words)] = False
     return [
-        *(info("column-skipped", _about_words(names[c], example)) for c, example in words.items()),
+        *(about_words(names[c], example) for c, example in words.items()),
         *_about_faults(faults, rows, names, nan),
         *about_columns(faults.texts, names, len(values)),
     ]
-
-
-def _about_words(name: str, example: str) -> str:
-    """The sentence on a column without a number."""
-    forms = f"; {STAMP_FORMS}" if resembles_stamp(example) else ""
-    return f"`{name}` holds text, such as {example[:40]!r}, and no number{forms}."
 
 
 def _about_faults(

@@ -81,8 +81,9 @@ def _about_steps(recording: Recording) -> str:
 
 def _open_question(recording: Recording) -> str:
     sentence = "the times: say `sample_time=SECONDS` for evenly spaced samples, or `time=COL:UNIT`"
-    if len(recording.series) > 1:
-        sentence += f", one of {long_columns(recording)}"
+    columns = long_columns(recording)
+    if columns and len(recording.series) > 1:
+        sentence += f", one of {columns}"
     return sentence
 
 

@@ -19,6 +19,8 @@ UNEVEN = 0.05
 
 
 _OUT_OF_ORDER = 0.1  # of the rows
+_EVEN = 0.5  # of the median step, by which the steps of a busy logger's clock differ from it
+_MOSTLY = 0.9  # of the steps; of numbers that differ by chance fewer are even
 _DIGITS = 7  # of a mean step: clocks are off by more than a millionth
 _LONGEST = float(np.finfo(np.float64).max) / 4
 
@@ -159,6 +161,13 @@ def in_words(rows: NDArray[np.int64], noun: str = "row") -> str:
 def is_out_of_order(t: Array) -> bool:
     """Return whether times t (N,) [s] go back so often that the rows are out of order, and not of several runs."""
     return bool(np.sum(np.diff(t) < 0) > _OUT_OF_ORDER * len(t))
+
+
+def sorts_evenly(t: Array) -> bool:
+    """Return whether finite times t (N,) [s] are evenly spaced once they are sorted, as those of shuffled rows are."""
+    steps = _steps(np.sort(t))
+    median = float(np.median(steps)) if len(steps) else 0.0
+    return median > 0 and bool(np.mean(np.abs(steps - median) <= _EVEN * median) > _MOSTLY)
 
 
 def keep_increasing(t: Array) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.units import is_unit, quantity, unit
 from servobench.recordings.formats.clock_columns import clock_columns, clock_unit, repeats_rows
 from servobench.recordings.formats.columns import heading, time_unit
+from servobench.recordings.formats.likely_units import about_stated_unit
 from servobench.recordings.formats.roles import (
     ColumnSpec,
     Role,
@@ -26,6 +27,7 @@ from servobench.recordings.formats.time_question import question
 from servobench.recordings.formats.time_stamps import STAMP_FORMS
 from servobench.recordings.formats.time_steps import STEP_NAMES, about_steps, step_unit
 from servobench.recordings.formats.times import MeanStep, mean_step, time_findings
+from servobench.recordings.formats.unreadable import check_readable
 from servobench.recordings.recording import Recording, Series
 
 
@@ -171,6 +173,7 @@ def _sample_time_in_file(recording: Recording) -> tuple[float, str] | None:
 
 def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec: ColumnSpec) -> Timed | str:
     column, findings = find_series(recording, spec, None)
+    check_readable(recording, column, "time")
     name = column.channel.name
     for role, each in series.items():
         if each.channel.name == name:
@@ -187,6 +190,7 @@ def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec:
         return f"the unit of the time `{name}`: say `time={shell_text(f'{name}:s')}`, or :ms, or what it is"
     if quantity_of(symbol) != "time":
         raise UsageError(f"{recording.name}: the time `{name}` is in {symbol}; expected s, ms or the like")
+    findings += about_stated_unit(column, symbol, "time")
     if step_unit(column, symbol) is not None:
         raise UsageError(f"{recording.name}: {about_steps(column, symbol)}")
     with np.errstate(over="ignore"):

@@ -1,4 +1,4 @@
-"""Columns of a text table with many cells that aren't numbers, and what that means if such a column has a role."""
+"""Columns with many cells that aren't numbers, or without any number, and what that means if such a column has a role."""
 
 from __future__ import annotations
 
@@ -6,12 +6,20 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from servobench.core.finding import Finding, Severity, refusal, warning
+import numpy as np
+
+from servobench.core.errors import FormatError
+from servobench.core.finding import Finding, Severity, info, lower_first, refusal, warning
+from servobench.core.rounding import count_text
+from servobench.recordings.formats.time_stamps import STAMP_FORMS, resembles_stamp
+from servobench.recordings.recording import Recording, Series
 
 _CODE = "column-not-numbers"
 _NO_NAMES = "header-mismatch"
 _MANY = 0.01  # of the rows; fewer damaged cells cost nothing but themselves
 _HALF = 0.5
+_SEPARATED = "seems to have separators between thousands: write the numbers without them"
+_FEWEST = 2  # numbers, which a motion takes at least
 # What programs write where they have no value says no more than an empty cell.
 _NOTHING = frozenset({"-", "--", "n/a", "#n/a", "na", "null", "none", "nil", "missing"})
 _GROUPED = re.compile(
@@ -45,11 +53,44 @@ def about_columns(texts: Mapping[int, Texts], names: Sequence[str], rows: int) -
             f"{column_texts.example[:40]!r}"
         )
         if _GROUPED.fullmatch(column_texts.example):
-            sentence += ", which seems to have separators between thousands: write the numbers without them."
+            sentence += f", which {_SEPARATED}."
         else:
             sentence += ": they are left out. Correct them in the file, or export it again."
         findings.append((refusal if column_texts.count > _HALF * rows else warning)(_CODE, sentence))
     return findings
+
+
+def about_words(name: str, example: str) -> Finding:
+    """Return the finding on a column whose cells are texts, such as the `example`, and none a number."""
+    forms = f"; {STAMP_FORMS}" if resembles_stamp(example) else ""
+    if _GROUPED.fullmatch(example):
+        forms = f"; it {_SEPARATED}"
+    return info(
+        "column-skipped", f"{_name(name)} holds text, such as {example[:40]!r}, and no number{forms}."
+    )
+
+
+def has_numbers(series: Series) -> bool:
+    """Return whether a channel can have a role: a column of words, or of empty cells, has samples but no number."""
+    return not len(series.values) or bool(np.isfinite(series.values).any())
+
+
+def check_readable(recording: Recording, series: Series, role: str) -> None:
+    """Raise `FormatError` where a channel that has a role, `time` included, has cells, but fewer than two numbers."""
+    cells, numbers = len(series.values), int(np.isfinite(series.values).sum())
+    if cells < _FEWEST or numbers >= _FEWEST:
+        return
+    name = series.channel.name
+    plain = f"`{name}` has {count_text(numbers, 'number')} in {count_text(cells, 'row')}; at least two are needed."
+    about = (
+        each.sentence
+        for each in recording.findings
+        if each.sentence.startswith((_begin(name), f"{_name(name)} holds"))
+    )
+    raise FormatError(
+        f"{recording.name}: the {role} can't be read: {lower_first(next(about, plain))} If another column is the {role}, say "
+        f"`{role}=COL:UNIT`"
+    )
 
 
 def demote_unused(findings: Iterable[Finding], used: Iterable[str]) -> list[Finding]:
@@ -68,4 +109,8 @@ def demote_unused(findings: Iterable[Finding], used: Iterable[str]) -> list[Find
 
 def _begin(name: str) -> str:
     """The words that a sentence on a column begins with, which tell it from all others."""
-    return f"The column `{name}`"
+    return f"The column {_name(name)}"
+
+
+def _name(name: str) -> str:
+    return f"`{name}`"

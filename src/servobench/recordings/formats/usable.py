@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -11,12 +12,19 @@ from numpy.typing import NDArray
 from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array, measurable
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info, warning
+from servobench.core.rounding import with_unit
 from servobench.core.runs import runs
 from servobench.recordings.formats.epoch import epoch_unit
 from servobench.recordings.formats.merged_rows import about_merged_rows, are_merged
 from servobench.recordings.formats.overflow import counter_of_overflow
 from servobench.recordings.formats.roles import Role
-from servobench.recordings.formats.times import in_words, is_out_of_order, keep_increasing, mean_step
+from servobench.recordings.formats.times import (
+    in_words,
+    is_out_of_order,
+    keep_increasing,
+    mean_step,
+    sorts_evenly,
+)
 from servobench.recordings.recording import Series
 
 _MOST_LEFT_OUT = (
@@ -143,28 +151,42 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
     far = t[k] - t[k + 1] > 0.5 * (t[k] - t[0])
     if np.mean(back) > _MOST_LEFT_OUT or (far and _longest_block(back) >= _RUN):
         often = "once," if len(jumps) == 1 else f"{len(jumps)} times, the furthest"
-        _check_no_overflow(name, t, k, often)
-        remedy = (
-            "Sort the rows by it"
-            if is_out_of_order(t)
-            else "Put each run, or each stretch between wraps of the counter, into its own file"
-        )
-        raise FormatError(
-            f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. {remedy}; or name another "
-            "column with `time=...`"
-        )
+        sentence = f"the time goes back {often} {_step_back(float(t[k]), float(t[k + 1]))} at sample {k + 2}"
+        _check_no_overflow(name, t, k, sentence)
+        raise FormatError(f"{name}: {sentence}. {_order_remedy(t)}")
 
 
-def _check_no_overflow(name: str, t: Array, k: int, often: str) -> None:
-    """Raise `FormatError` where finite times t (N,) go back behind sample k because their counter overflowed."""
+def _order_remedy(t: Array) -> str:
+    """What to do with finite times t (N,) [s] that go back."""
+    if not is_out_of_order(t):
+        remedy = "Put each run, or each stretch between wraps of the counter, into its own file"
+    elif sorts_evenly(t):
+        remedy = "Sort the rows by it"
+    else:
+        return (
+            "Sort the rows by it if they are only out of order; if it is no time but, for example, a computed duration, name "
+            "another column with `time=...`, or give the sample time with `sample_time=...`"
+        )
+    return f"{remedy}; or name another column with `time=...`"
+
+
+def _step_back(before: float, after: float) -> str:
+    """How far the time goes back from one sample to the next [s], with as many digits of the two as tell them apart."""
+    far = before - after
+    ratio = max(abs(before), abs(after)) / far
+    digits = min(max(6, 4 + math.ceil(math.log10(max(ratio, 1.0)))), 15)
+    return f"by {with_unit(far, 's', 3)}, from {before:.{digits}g} s to {after:.{digits}g} s"
+
+
+def _check_no_overflow(name: str, t: Array, k: int, sentence: str) -> None:
+    """Raise `FormatError` where finite times t (N,) go back behind sample k, as a `sentence` says, because of an overflow."""
     step = mean_step(t)
     counter = None if step is None else counter_of_overflow(t[k], t[k + 1], step.step)
     if step is None or counter is None:
         return
     raise FormatError(
-        f"{name}: the time goes back {often} from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}, as a {counter} does when it "
-        f"overflows. If the samples are evenly spaced, say `sample_time={step.figure:.6g}` (in s), the mean step; otherwise "
-        "split the recording there"
+        f"{name}: {sentence}, as a {counter} does when it overflows. If the samples are evenly spaced, say "
+        f"`sample_time={step.figure:.6g}` (in s), the mean step; otherwise split the recording there"
     )
 
 

@@ -30,6 +30,7 @@ from servobench.recordings.measurement.column import (
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.fresh_samples import drop_repeats
 from servobench.recordings.measurement.grid import grid_step
+from servobench.recordings.measurement.point_of_thousands import are_thousands
 from servobench.recordings.measurement.scale import Scale
 from servobench.recordings.measurement.tachometer import Tachometer
 from servobench.recordings.measurement.tick_times import host_delay, latch_times, write_times
@@ -314,10 +315,17 @@ def _fractions(column: Column) -> list[Finding]:
     broken = column.x[np.isfinite(column.x) & (column.x != np.rint(column.x))]
     if column.quantity != "position" or not len(broken):
         return []
-    sentence = (
+    what = (
         f"{column.name!r} is said to be in counts, but {len(broken)} of its {len(column.x)} values aren't whole numbers, such as "
-        f"{broken[0]:.6g}. Give its real unit with `output=COL:UNIT`, or the stage that averages the counts with `chain=...`."
+        f"{broken[0]:.6g}"
     )
+    remedy = "its real unit with `output=COL:UNIT`, or the stage that averages the counts with `chain=...`."
+    sentence = f"{what}. Give {remedy}"
+    if are_thousands(column.x):
+        sentence = (
+            f"{what}, where the others suggest {1000 * broken[0]:.6g}. If the point separates thousands, export the numbers "
+            f"without it; otherwise give {remedy}"
+        )
     return [warning("counts-not-whole", sentence)]
 
 

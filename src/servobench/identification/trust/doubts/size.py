@@ -32,7 +32,7 @@ def _about_data(records: Sequence[Dataset]) -> list[Finding]:
 
 def _input_size(data: Dataset) -> list[Finding]:
     largest = float(np.abs(data.u).max(initial=0.0))
-    if any(finding.code == "unit-contradicted" for finding in data.findings):
+    if any(f.code == "unit-contradicted" and "coulomb_voltage" in f.parameters for f in data.findings):
         return []
     if data.input_unit == "%" and largest > _WHOLE:
         sentence = (
