@@ -281,6 +281,8 @@ _TABLE = (
     FindingCode("offset-found", "A part of the input is lost to an offset, which is modelled."),
     FindingCode("offset-negative", "The motor turned one way, as if its input were larger than recorded.",
         "Check the input's zero and its sign."),
+    FindingCode("only-runs-down", "The speed changes only after the duty has become zero.",
+        "Record a step under power as well.", Role.CAUSE),
     FindingCode("output-clipped", "The output is clipped at an end of its range.",
         "Use a smaller input or a wider range.", Role.CAUSE),
     FindingCode("output-computed", "A model explains the output to the last digit, so the output was computed, not measured."),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from servobench.core.finding import Finding, info
 from servobench.identification.trust.doubts.base import about_data
 from servobench.recordings.formats.mapping import assign
+from servobench.recordings.formats.text_table import parse
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.measure import measure
@@ -60,6 +61,12 @@ def _said_to_rest(first: int) -> Dataset:
     whole = driven(np.full(400 - first, 5.0))
     at_times = {"t_input": time[first:], "t_output": time[first:], "y": speed[first:]}
     return replace(whole, **at_times, kind="speed", output_unit="rad/s", quantum=None, starts_at_rest=True)
+
+
+def _duty_after(start: float) -> Dataset:
+    """40 % for a second and nothing after that, recorded from a time after the start [s] on."""
+    whole = replace(driven(np.where(TIME[:1000] < 1.0, 40.0, 0.0)), input_unit="%")
+    return replace(whole.part(start, 2.0), input_before=40.0 if start else 0.0)
 
 
 def _already_turning() -> Dataset:
@@ -260,6 +267,7 @@ EXAMPLES = (
     _example("motion-stopped", lambda: _against_a_stop(700), lambda: _against_a_stop(1000)),
     _example("motion-too-small", _within_a_count, _square),
     _example("not-at-rest", lambda: _said_to_rest(50), lambda: _said_to_rest(0)),
+    _example("only-runs-down", lambda: _duty_after(0.4), lambda: _duty_after(0.0)),
     _example("output-clipped", _clipped, _square),
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),
@@ -273,6 +281,11 @@ EXAMPLES = (
         absent=lambda: _of_duty(":%").findings,
     ),
     _example("table-static", lambda: _table("sample-time-given"), lambda: _table("")),
+    Example(
+        code="thousands-separated",
+        raised=lambda: parse("y\n1'013\n", "log.csv").findings,
+        absent=lambda: parse("y\n1013\n", "log.csv").findings,
+    ),
     _example("time-uneven", lambda: _jittered(0.9), lambda: _jittered(0.0)),
     _example("times-of-reading", lambda: _read_every(200), lambda: _read_every(1)),
     _example("time-unit-doubtful", lambda: _slow("time-recognised"), lambda: _slow("")),

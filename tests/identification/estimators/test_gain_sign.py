@@ -9,7 +9,9 @@ import pytest
 
 from servobench.identification.estimators.gain_sign import usual_sign, with_usual_sign
 from servobench.identification.estimators.least_squares import minimise
+from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.uncertainty.identifiability import State
 from tests.datasets import dataset
 
 
@@ -41,3 +43,17 @@ def test_a_part_in_which_the_input_is_off_keeps_the_sign_that_was_found() -> Non
     found = minimise(structure, [coasting], start, free=np.arange(len(start)) > 0)
     assert found.theta[0] == -10.0
     assert with_usual_sign(structure, [coasting], found) is found
+
+
+def test_a_drift_of_the_speed_is_no_reason_for_a_gain_of_the_other_sign() -> None:
+    """From 5 to 6 V in the first row of a motor that runs already, and slows down by 1.5 % later on."""
+    t = 0.1 * np.arange(50)
+    plain = dataset(seed=1, samples=50, sample_time=0.1, u=np.where(t < 0.05, 5.0, 6.0))
+    y = np.cumsum(np.where(t < 2.0, 25.57, 25.2) * 0.1) + 0.06 * np.random.default_rng(1).standard_normal(50)
+    data = replace(plain, y=y, quantum=None, input_before=5.0)
+
+    result = identify(data)
+
+    assert result.fit is not None
+    assert result.fit.model["gain"] > 0
+    assert result.answers["delay"].state is not State.KNOWN

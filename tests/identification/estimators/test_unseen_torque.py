@@ -12,7 +12,7 @@ from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.estimators.unseen_torque import tail_factor, with_unseen_torque
 from servobench.identification.models.base import STRUCTURES
 from tests.datasets import QUANTUM, dataset
-from tests.rig.motor.reference import Truth
+from tests.rig.motor.reference import Truth, march
 
 DRAWS = 400_000
 
@@ -60,15 +60,21 @@ def test_the_offset_of_a_short_noisy_record_reaches_as_far_as_the_mixture(
     assert reaching.sd("gain") >= of_its_variance.sd("gain")
 
 
-def test_rounding_that_lasts_is_not_taken_for_a_torque() -> None:
-    """A slow swing with rests behind a coarse encoder: its rounding wanders, but every count is where the model puts it."""
-    t = 0.002 * np.arange(4000)
-    truth = Truth(inductance=1e-9, viscous_friction=0.0, coulomb_torque=0.002)
-    data = dataset(seed=1, u=1.2 * np.sin(2 * np.pi * t), samples=4000, truth=truth)
+@pytest.mark.parametrize(("volts", "hertz", "friction"), [(0.8, 0.5, 0.002), (1.0, 0.3, 0.003)])
+def test_rounding_that_lasts_is_not_taken_for_a_torque(volts: float, hertz: float, friction: float) -> None:
+    """A slow swing with rests behind 100 counts a turn: its rounding wanders, but every count is where the model puts it.
+
+    A torque that leaves them there makes the gain a few times as uncertain as rounding alone; the likeliest one of white rounding
+    made it 47 and 68 times as uncertain.
+    """
+    t = 0.001 * np.arange(6000)
+    u = volts * (np.sin(2 * np.pi * hertz * t) + 0.6 * np.sin(4.6 * np.pi * hertz * t + 1))
+    truth = Truth(inductance=1e-9, viscous_friction=0.0, coulomb_torque=friction)
+    quantum = 2 * np.pi / 100
+    y = (np.floor((march(truth, u, 0.001)[:, 2] + 0.1) / quantum) + 0.5) * quantum
+    data = replace(dataset(seed=1, u=u, samples=len(t), sample_time=0.001, y=y), quantum=quantum)
     fit = ESTIMATORS["interval_likelihood"].fit(STRUCTURES["first_order_coulomb"], [data])
 
     wider = with_unseen_torque(fit)
 
-    (line,) = (each for each in wider.budget if each.source == unseen_torque.SOURCE)
-    gain = fit.model.names.index("gain")
-    assert line.covariance[gain, gain] < 4 * fit.covariance[gain, gain]
+    assert fit.sd("gain") < wider.sd("gain") < 10 * fit.sd("gain")

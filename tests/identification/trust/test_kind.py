@@ -76,3 +76,16 @@ def test_what_no_guess_comes_near_is_not_searched_for(monkeypatch: pytest.Monkey
 
     assert result.answers["gain"].state.value != "known"
     assert not told(result)
+
+
+def test_a_speed_that_has_settled_is_no_position_although_no_motor_of_one_time_constant_rises_so() -> None:
+    """Two time constants, 12 and 60 ms: the position of a motor that is slowed down explained more of it than a speed."""
+    t = 0.0011 * np.arange(171)
+    speed = 1450.0 * (1.0 - 0.7 * np.exp(-(t + 0.0022) / 0.012) - 0.3 * np.exp(-(t + 0.0022) / 0.06))
+    speed += 5.0 * np.random.default_rng(5).standard_normal(len(t))
+    record = as_speed(dataset(seed=1, sample_time=0.0011, samples=len(t), u=np.full(len(t), 10.0)))
+
+    result = identify(replace(record, y=speed, input_before=10.0))
+
+    assert not told(result)
+    assert result.verdict is not Verdict.REFUSED

@@ -8,6 +8,7 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import info
+from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators import delay_prior
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.budget import Contribution
@@ -148,6 +149,8 @@ def _torque_fit_if_delay_known(fit: Fit) -> Fit:
     prior = delay_prior.prior_of_delay(fit.model.structure, data)
     if prior is None or not allowing.sd("delay") < _DETERMINED * prior.scale:
         return fit
+    if allowing.model["delay"] < -TWO_SIDED * allowing.sd("delay"):
+        return fit  # in a loop it is the torque that comes first, and the input that answers
     return allowing if explains_the_colour(allowing) else allow_for_misfit(fit)
 
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.finding import Finding, info
+from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.covariance import effective_samples
@@ -42,6 +42,7 @@ from servobench.recordings.measurement.dataset import Dataset
 CODE = "delay-expected"
 TOLD = 0.25  # of the prior's scale: a delay that is known better is the data's own
 _USUAL = 4.0  # scales from its middle: a delay that is further away has to be worth it
+_RARE = 8.0  # scales: nothing that drives a motor is as late
 _USUAL_SURPRISE = 2.0 * float(np.log1p(_USUAL**2))
 _AS_LIKELY = 9.0  # in twice the logarithm of the posterior: places that lie further apart aren't in doubt
 _AS_WELL = 1.1  # times the sum of squares
@@ -212,10 +213,12 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
         if value > 0
         else "which fits best"
     )
-    return info(
+    rare = abs(value - prior.middle) > _RARE * prior.scale
+    check = " Check that the input is logged when it acts." if rare else ""
+    return (warning if rare else info)(
         CODE,
         f"These data can't separate the delay from friction and the time constant. The delay is assumed to be "
-        f"{taken}, {why}, and the other intervals allow for that; to measure it, sample a step from rest faster.",
+        f"{taken}, {why}, and the other intervals allow for that; to measure it, sample a step from rest faster.{check}",
         parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )
 

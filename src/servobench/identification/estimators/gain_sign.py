@@ -18,11 +18,16 @@ from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
 
 _MOSTLY = 0.8  # of Σ |u ω|: then the motion has the input's sign, or the opposite one
+_CLEARLY = 2.0  # times the sum of squares
 _LOST = ("coulomb_voltage", "offset_voltage")
 
 
 def with_usual_sign(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Minimum:
-    """Return the minimum, or one with the usual sign of the gain, as good by Schwarz's criterion (1978) in effective samples."""
+    """Return the minimum, or one with the usual sign of the gain that is as good.
+
+    So it is by Schwarz's criterion (1978) in effective samples, or where it leaves no more than twice the sum of squares: a small
+    drift of the speed speaks for a gain of the other sign, too.
+    """
     names = [parameter.name for parameter in structure.parameters]
     sign = usual_sign(data)
     if "gain" not in names or sign == 0 or minimum.theta[names.index("gain")] * sign > 0:
@@ -45,7 +50,8 @@ def with_usual_sign(structure: Structure, data: Sequence[Dataset], minimum: Mini
     ]
     worth = sum(effective_samples(residual) for residual in residuals)
     needed = np.log(sum(len(residual) for residual in residuals))
-    return minimum if worth * np.log(usual.cost / max(minimum.cost, 1e-300)) > needed else usual
+    times = usual.cost / max(minimum.cost, 1e-300)
+    return minimum if times > _CLEARLY and worth * np.log(times) > needed else usual
 
 
 def usual_sign(data: Sequence[Dataset]) -> int:

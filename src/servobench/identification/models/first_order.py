@@ -37,6 +37,7 @@ from servobench.identification.models.records import (
     start_parameters,
     through_chain,
 )
+from servobench.identification.models.steady import longest_time_constant
 from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
@@ -93,14 +94,18 @@ class FirstOrder:
         Two channels that are latched one after the other may be out of step by that much, of the one that is sampled more
         often; anything more would be a wrong model, because slow data can't separate a negative delay from a longer time
         constant. In a closed loop it is half of one: earlier, the input that answers to a sample would be what causes it. A
-        time constant below a hundredth of a sample time can't be distinguished from zero.
+        time constant below a hundredth of a sample time can't be distinguished from zero, and a speed that settles bounds it from
+        above (`models.steady`).
         """
         step = max(record.sample_time for record in data)
         latch = max(min(record.sample_time, record.input_step) for record in data)
         early = 0.5 if any(record.closed_loop for record in data) else 2.0
         nearest = {"delay": -early * latch, "time_constant": 0.01 * step}
         lower = [nearest.get(parameter.name, parameter.lower) for parameter in self.parameters]
-        farthest = {"delay": max(latest_delay(data), 0.1 * step)}
+        farthest = {
+            "delay": max(latest_delay(data), 0.1 * step),
+            "time_constant": max(longest_time_constant(data), step),
+        }
         upper = [farthest.get(parameter.name, parameter.upper) for parameter in self.parameters]
         return np.array(lower), np.array(upper)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from servobench.core.finding import Finding, info, refusal
+from servobench.core.finding import Finding, info, list_text, refusal
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import rounded_interval
+from servobench.core.rounding import rounded_interval, with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import steady_speed
+from servobench.identification.models.steady import SteadySpeed, speeds_by_level
 from servobench.identification.uncertainty.composition import composition
 from servobench.identification.uncertainty.identifiability import (
     Combination,
@@ -19,6 +20,7 @@ from servobench.identification.uncertainty.identifiability import (
 from servobench.identification.uncertainty.status_text import in_words
 
 _FOLLOWS = 50.0  # percent of the output: what explains so much shows that the input acts
+_FEW = 6  # levels that a sentence lists
 _ASKED_FOR = ("gain", "loop_gain", "time_constant")
 
 
@@ -73,16 +75,38 @@ def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:
             "the output doesn't respond to the input. Check that these two columns belong to one motor, or record a larger "
             "input"
         )
-    sentence = f"The data determine neither the {names} nor any combination of them: {advice}."
+    sentence = f"The data determine neither the {names} nor any combination of them: {advice}.{_speeds_text(fit)}"
     return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in principal))
+
+
+def _end_speeds(fit: Fit) -> list[SteadySpeed]:
+    """The speeds that the motor settled at under an input."""
+    speeds = speeds_by_level([record.data for record in fit.records])
+    return [each for each in speeds if each.level != 0.0 and each.speed != 0.0]
+
+
+def _speeds_text(fit: Fit) -> str:
+    """What is known all the same: the speeds that the motor settled at; the empty text where it settled nowhere, or at many."""
+    data, speeds = fit.records[0].data, _end_speeds(fit)
+    if not 0 < len(speeds) <= _FEW:
+        return ""
+    texts = [
+        f"{with_unit(each.speed, f'{data.position_unit}/s', 3)} at {with_unit(each.level, data.input_unit, 3)}"
+        for each in speeds
+    ]
+    return f" The motor settled at {list_text(texts)}."
 
 
 def _any_gain(gain: ParameterStatus, fit: Fit) -> str:
     """The reason why a gain stays open although the output follows the input."""
     rounded = rounded_interval(gain.estimate.value, gain.estimate.interval, gain.estimate.unit)
     widest = max(composition(fit), key=lambda line: line.half_widths.get(gain.name, 0.0))
+    advice = (
+        "Record how the speed gets from one level to the next, with samples close enough to show it"
+        if len(_end_speeds(fit)) > 1
+        else "Record steps between several levels in open loop, each until the speed settles"
+    )
     return (
         f"this model explains {fit.fit_percent:.0f} % of the output, but allows any gain from {rounded.low} to {rounded.high} "
-        f"{rounded.unit} (largest contribution: {widest.source}). Record steps between several levels in open loop, each "
-        "until the speed settles"
+        f"{rounded.unit} (largest contribution: {widest.source}). {advice}"
     )

@@ -21,6 +21,8 @@ from servobench.recordings.measurement.dataset import Dataset
 _NEARLY_ALL = 90.0  # percent: what explains so much, with a gain that is known, is the right kind
 _LEFT = 0.5  # of the misfit may be left of an output taken as what it is
 _NEAR = 4.0  # times the misfit that is wanted: a guess that leaves more isn't refined
+_LONG = 20  # samples under one input
+_HARDLY = 0.1  # of the way in a stretch: a position would go a quarter of it at a steady speed
 _ENOUGH = 5000  # samples to tell the two kinds apart
 _BEHAVES = {
     "position": "it goes on growing while the input stands still",
@@ -41,6 +43,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []  # a position that follows its goal settles with it
     if alike(np.interp(data.t_output, data.t_input, data.u), data.y):
         return []  # a proportional controller's law, which explains the output as well as a speed would be
+    if data.kind == "speed" and _comes_to_rest(data):
+        return []  # a position would go on
     same, other = _enough_of(data), _with_other_kind(data)
     wanted = max(_NEARLY_ALL, 100 - _LEFT * (100 - fit.fit_percent))
     explained = _percent_explained(other, wanted)
@@ -56,6 +60,17 @@ def _about_fit(fit: Fit) -> list[Finding]:
         f"unit of a {other.kind}: `output=COL:{other.output_unit}`, or whichever unit it has{_way_out(data)}."
     )
     return [refusal("kind-mistaken", sentence, parameters=("gain", "time_constant"))]
+
+
+def _comes_to_rest(data: Dataset) -> bool:
+    """Whether the input stands still for long, somewhere off zero, and the output hardly changes in the last quarter of that."""
+    changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
+    stretches = [
+        data.y[rows]
+        for rows in np.split(np.arange(len(data.y)), changes)
+        if len(rows) >= _LONG and data.input_at_output[rows[-1]] != 0
+    ]
+    return bool(stretches) and all(np.ptp(y[-len(y) // 4 :]) < _HARDLY * np.ptp(y) for y in stretches)
 
 
 def _way_out(data: Dataset) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.settled import SettledSpeed, settled_speeds
+from servobench.identification.models.steady import SteadySpeed, steady_speeds
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 _APART = 1.3  # times a level has to be the lowest one, to say how the speed grows
@@ -19,7 +19,7 @@ def _about(fit: Fit) -> list[Finding]:
     names = fit.model.names
     if "gain" not in names or fit.structure in _ONE_WAY:
         return []
-    settled = [each for record in fit.records for each in settled_speeds(record.data)]
+    settled = [each for record in fit.records for each in steady_speeds(record.data)]
     offset = float(fit.model["offset_voltage"]) if "offset_voltage" in names else 0.0
     for sense in (1.0, -1.0):
         levels = [each for each in settled if each.level * sense > 0.0]
@@ -28,7 +28,7 @@ def _about(fit: Fit) -> list[Finding]:
     return []
 
 
-def _drives_without_input(levels: Sequence[SettledSpeed], offset: float) -> bool:
+def _drives_without_input(levels: Sequence[SteadySpeed], offset: float) -> bool:
     """Whether the line through the speeds at the lowest and the highest level lies far above zero where the input is zero.
 
     `offset` is what of the input is lost in this sense and regained in the other, in the unit of the input.
@@ -40,11 +40,11 @@ def _drives_without_input(levels: Sequence[SettledSpeed], offset: float) -> bool
     return lost - offset < -_MUCH * abs(high.level) and high.speed * low.speed > 0.0
 
 
-def _ends(levels: Sequence[SettledSpeed]) -> tuple[SettledSpeed, SettledSpeed]:
+def _ends(levels: Sequence[SteadySpeed]) -> tuple[SteadySpeed, SteadySpeed]:
     return min(levels, key=lambda each: abs(each.level)), max(levels, key=lambda each: abs(each.level))
 
 
-def _finding(fit: Fit, levels: Sequence[SettledSpeed]) -> Finding:
+def _finding(fit: Fit, levels: Sequence[SteadySpeed]) -> Finding:
     data = fit.records[0].data
     slow, fast = (
         f"{with_unit(each.speed, f'{data.position_unit}/s', 3)} at {with_unit(each.level, data.input_unit, 3)}"

@@ -24,7 +24,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     records = [each.data for each in fit.records]
     if (
         "offset_voltage" not in fit.model.names
-        or not all(map(_is_duty, records))
+        or not all(map(is_duty, records))
         or not turns_both_ways(records)
     ):
         return []
@@ -43,8 +43,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
     return [warning("input-rests-off-zero", sentence, parameters=("gain", "offset_voltage"))]
 
 
-def _is_duty(data: Dataset) -> bool:
-    """Whether the input is a duty, or was one before it was multiplied by a supply."""
+def is_duty(data: Dataset) -> bool:
+    """Return whether the input is a duty, or was one before it was multiplied by a supply."""
     return data.input_unit in {"%", "1"} or any(finding.code in _DUTY for finding in data.findings)
 
 

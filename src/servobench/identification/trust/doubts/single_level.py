@@ -30,8 +30,8 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
         info(
             "single-level",
             f"The motor moved under one level of the input only, {plain(level, 3)}{unit}, so the data "
-            "show what it does at this level, but can't separate gain from friction. Add a second level, or "
-            "let the motor coast.",
+            "show what it does at this level, but can't separate gain from friction. Add a second level; to run "
+            "down at zero is one only if the driver brakes there.",
             parameters=("gain", "coulomb_voltage"),
         )
     ]

@@ -1,0 +1,138 @@
+"""The speeds that a motor settles at under constant inputs: what records say of gain and time constant before any fit.
+
+A speed that has come to within a few percent of its end after half of the time T under an input has a time constant well below T:
+the means of its last two quarters differ by a tenth of the way from the first quarter where T is 3.8 time constants. A bound of T
+leaves out what a search may come to all the same, a motor so slow that it never settles, whose speed a nuisance start explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.identification.models.motion import smooth_speed
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
+
+_FEWEST = 8  # samples under one input
+_SAME = 0.05  # of the largest speed: what a settled one may still change by
+_SETTLING = 0.1  # of the way to it: what changes by more goes on
+_NOISE = 0.01  # of the largest speed: a change that may be noise
+_NEARLY_ALL = 0.8  # of the stretches in which the speed plainly changes, and of the samples
+_PLAIN = 0.2  # of the largest speed: a change that shows how fast the speed settles
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteadySpeed:
+    """A `speed` that a motor settled at under a constant input `level`, in the units of the record.
+
+    `time` is that under the input [s], `change` that of the speed since the first quarter of it.
+    """
+
+    level: float
+    speed: float
+    time: float
+    change: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Stretches:
+    """Stretches of a record under one input each: level, speed, time [s] and change as in `SteadySpeed`, which settled; (S,).
+
+    `samples` is the number of samples in all of them.
+    """
+
+    levels: Array
+    speeds: Array
+    times: Array
+    changes: Array
+    settled: NDArray[np.bool_]
+    samples: int
+
+
+def steady_speeds(data: Dataset) -> list[SteadySpeed]:
+    """Return the speed of each stretch of a constant input in whose last half it hardly changes.
+
+    It changes by 5 % of the largest speed at most, and by a tenth of the way to it if that is more than 1 % of the largest.
+    Speeds are in the unit of the position a second, levels in that of the input; in the order of the record.
+    """
+    each = _stretches(data)
+    rows = np.column_stack([each.levels, each.speeds, each.times, each.changes])[each.settled]
+    return [SteadySpeed(level=lv, speed=sp, time=t, change=ch) for lv, sp, t, ch in rows.tolist()]
+
+
+def speeds_by_level(records: Sequence[Dataset]) -> list[SteadySpeed]:
+    """Return the mean of the speeds that several records settled at under each level, the lowest level first."""
+    every = [each for record in records for each in steady_speeds(record)]
+    alike = [[each for each in every if each.level == level] for level in sorted({e.level for e in every})]
+    return [
+        SteadySpeed(
+            level=each[0].level,
+            speed=float(np.mean([one.speed for one in each])),
+            time=sum(one.time for one in each),
+            change=max((one.change for one in each), key=abs),
+        )
+        for each in alike
+    ]
+
+
+def longest_time_constant(records: Sequence[Dataset]) -> float:
+    """Return the time constant [s] that settled speeds leave possible, infinite where they say nothing.
+
+    They say something where the input mostly stays as it is and nearly all that change settle, which isn't by chance of the noise then. Speeds that don't change at
+    all say so only where none of any record does: then no record shows how a speed changes, and that each motor was by chance as
+    fast as it is, so slow that this doesn't show, is no explanation.
+    """
+    every = [_stretches(record) for record in records]
+    times = np.concatenate([each.times for each in every])
+    changes = np.concatenate([np.abs(each.changes) for each in every])
+    settled = np.concatenate([each.settled for each in every])
+    largest = max((_largest(record) for record in records), default=0.0)
+    plain = changes > _PLAIN * largest
+    if sum(each.samples for each in every) < _NEARLY_ALL * sum(len(record.y) for record in records):
+        return np.inf
+    if plain.any():
+        return float(times[plain & settled].max()) if np.mean(settled[plain]) >= _NEARLY_ALL else np.inf
+    steady = len(settled) > 0 and bool(settled.all()) and largest > 0.0
+    return float(times.max()) if steady else np.inf
+
+
+def _largest(data: Dataset) -> float:
+    return float(np.abs(smooth_speed(data)).max(initial=0.0))
+
+
+@keep_with_data
+def _stretches(data: Dataset) -> _Stretches:
+    changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
+    first, end = np.append(0, changes), np.append(changes, len(data.y))
+    long = end - first >= _FEWEST
+    first, end = first[long], end[long]
+    half = first + (end - first) // 2
+    mid = half + (end - half + 1) // 2
+    began = _mean_speeds(data, first, first + (end - first) // 4)
+    before, after = _mean_speeds(data, half, mid), _mean_speeds(data, mid, end)
+    t, largest = data.t_output, _largest(data)
+    # Two means of a position may differ by its steps alone.
+    quantum = (data.quantum or 0.0) if data.kind == "position" else 0.0
+    steps = 2.0 * quantum / (t[end - 1] - t[mid])
+    change = np.abs(after - before) - steps
+    goes_on = change > np.maximum(_SETTLING * np.abs(after - began), _NOISE * largest)
+    return _Stretches(
+        levels=data.input_at_output[end - 1],
+        speeds=_mean_speeds(data, half, end),
+        times=t[end - 1] - t[first],
+        changes=after - began,
+        samples=int(np.sum(end - first)),
+        settled=(np.maximum(change, steps) <= _SAME * largest) & ~goes_on,
+    )
+
+
+def _mean_speeds(data: Dataset, first: NDArray[np.int64], end: NDArray[np.int64]) -> Array:
+    """The mean speeds (S,) from a `first` sample to before an `end` (S,): those of a position from its values there."""
+    if data.kind == "speed":
+        total = np.append(0.0, np.cumsum(data.y))
+        return np.asarray((total[end] - total[first]) / (end - first))
+    return np.asarray((data.y[end - 1] - data.y[first]) / (data.t_output[end - 1] - data.t_output[first]))

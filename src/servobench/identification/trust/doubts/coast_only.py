@@ -1,0 +1,40 @@
+"""A duty whose only effect that is seen is its end: a driver that lets go of the motor makes another one of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.core.finding import Finding, warning
+from servobench.identification.models.steady import steady_speeds
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.resting_value import is_duty
+from servobench.recordings.measurement.dataset import Dataset
+
+_FIRST = 8  # rows, in which a change shows nothing
+_STEADY = 0.1  # of the speed: what one may change by before the duty ends
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    if not all(is_duty(record) and _only_runs_down(record) for record in records):
+        return []
+    sentence = (
+        "The speed changes only after the duty has become zero. Many drivers let go of a motor there instead of braking it, and "
+        "then it runs down by friction alone, far more slowly than it follows a duty: the time constant is that of running down. "
+        "Record a step under power as well."
+    )
+    return [warning("only-runs-down", sentence, parameters=("time_constant", "gain", "coulomb_voltage"))]
+
+
+def _only_runs_down(record: Dataset) -> bool:
+    """Whether the input becomes zero from one at which the speed is steady, and changes nowhere else but in the first rows."""
+    changes = np.flatnonzero(np.diff(record.u)) + 1
+    later = changes[changes >= _FIRST]
+    if len(later) != 1 or record.u[-1] != 0.0:
+        return False
+    before = [each for each in steady_speeds(record) if each.level != 0.0]
+    return len(before) == 1 and abs(before[0].change) <= _STEADY * abs(before[0].speed)
+
+
+DOUBTS.member("coast_only")(Doubt(codes=("only-runs-down",), about_data=_about))
