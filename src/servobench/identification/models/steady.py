@@ -80,11 +80,11 @@ def speeds_by_level(records: Sequence[Dataset]) -> list[SteadySpeed]:
 
 
 def longest_time_constant(records: Sequence[Dataset]) -> float:
-    """Return the time constant [s] that settled speeds leave possible, infinite where they say nothing.
+    """Return the longest time constant [s] that settled speeds leave possible, infinite where they say nothing.
 
-    They say something where the input mostly stays as it is and nearly all that change settle, which isn't by chance of the noise then. Speeds that don't change at
-    all say so only where none of any record does: then no record shows how a speed changes, and that each motor was by chance as
-    fast as it is, so slow that this doesn't show, is no explanation.
+    They say something where the input mostly stays as it is and nearly all speeds that change settle, which isn't by chance of
+    the noise then. Speeds that don't change at all say so only where none of any record does: then no record shows how a speed
+    changes, and that each motor was by chance as fast as it is, so slow that this doesn't show, is no explanation.
     """
     every = [_stretches(record) for record in records]
     times = np.concatenate([each.times for each in every])

@@ -28,9 +28,8 @@ def _delay(fit: Fit) -> list[Finding]:
         return []
     if lag >= -3 * sd and not _is_ahead_of_all(fit):
         return []
-    sentence = (
-        f"The output comes {-lag:.3g} s before the input that causes it: the two columns are misaligned."
-    )
+    least = "at least " if _is_at_its_shortest(fit) else ""
+    sentence = f"The output comes {least}{-lag:.3g} s before the input that causes it: the two columns are misaligned."
     return [warning("delay-negative", sentence, parameters=("delay",))]
 
 
@@ -40,10 +39,15 @@ def _is_ahead_of_all(fit: Fit) -> bool:
     Neither leaves any lag to the motor then, and the output would come earlier still: the delay's own interval, which no longer
     says what the data do, may reach to zero.
     """
-    data = [record.data for record in fit.records]
-    shortest = fit.model.structure.bounds(data)[0][fit.model.names.index("delay")]
-    has_no_lag = "time_constant" in fit.model.names and fit.model["time_constant"] < data[0].sample_time
-    return bool(fit.model["delay"] <= shortest and has_no_lag)
+    step = fit.records[0].data.sample_time
+    has_no_lag = "time_constant" in fit.model.names and fit.model["time_constant"] < step
+    return has_no_lag and _is_at_its_shortest(fit)
+
+
+def _is_at_its_shortest(fit: Fit) -> bool:
+    """Whether the delay ends at the shortest that misaligned columns allow: what is farther out of step looks the same."""
+    shortest = fit.model.structure.bounds([record.data for record in fit.records])[0]
+    return bool(fit.model["delay"] <= shortest[fit.model.names.index("delay")])
 
 
 DOUBTS.member("delay")(Doubt(codes=("delay-negative",), about_fit=_delay))

@@ -29,9 +29,9 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
     return [
         info(
             "single-level",
-            f"The motor moved under one level of the input only, {plain(level, 3)}{unit}, so the data "
-            "show what it does at this level, but can't separate gain from friction. Add a second level; to run "
-            "down at zero is one only if the driver brakes there.",
+            f"The motor moved under one level of the input only, {plain(level, 3)}{unit}, so the data show what it does at this "
+            "level, but can't separate gain from friction. Add a second level; coasting counts as one only if the driver brakes "
+            "at zero.",
             parameters=("gain", "coulomb_voltage"),
         )
     ]
