@@ -103,12 +103,13 @@ def _settles_at_it(data: Dataset) -> list[Finding]:
         return []
     switches = np.append(data.t_input[np.flatnonzero(np.diff(data.u)) + 1], data.t_output[-1])
     starts = np.append(data.t_output[0], switches[:-1])
+    first_late = np.searchsorted(data.t_output, starts + 0.7 * (switches - starts), side="right")
+    after = np.searchsorted(data.t_output, switches, side="left")
     settled = []
-    for start, end in zip(starts, switches, strict=True):
-        late = data.y[(data.t_output > start + 0.7 * (end - start)) & (data.t_output < end)]
-        if len(late) >= _SETTLED:
-            first, last = (float(part.mean()) for part in np.array_split(late, 2))
-            settled.append((input_held(data, float(end)), 0.5 * (first + last), last - first))
+    for at in np.flatnonzero(after - first_late >= _SETTLED):
+        late = data.y[first_late[at] : after[at]]
+        first, last = (float(part.mean()) for part in np.array_split(late, 2))
+        settled.append((input_held(data, float(switches[at])), 0.5 * (first + last), last - first))
     levels, speeds, changes = np.array(settled).reshape(-1, 3).T
     largest = float(np.abs(levels).max(initial=0.0))
     if len(np.unique(levels)) < 2 or np.abs(changes).max() > _STILL_GOES * largest:
