@@ -53,11 +53,13 @@ if __name__ == "__main__":
 """
 
 
-def main(files: int = 100, large: int = 2000, kills: int = 20, samples: int = 5000) -> list[Figure]:
+def main(
+    files: int = 100, large: int = 2000, kills: int = 20, samples: int = 5000, turns: int = 3
+) -> list[Figure]:
     """Return the rates for each kind of file, the memory of a large fleet over that of a small one, and rows lost or doubled."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        figures = [figure for kind in _KINDS for figure in _rates(place / kind, kind, files, samples)]
+        figures = [figure for kind in _KINDS for figure in _rates(place / kind, kind, files, samples, turns)]
         return [
             *figures,
             *_memory(place / "memory", max(8, large // 20), large),
@@ -66,18 +68,18 @@ def main(files: int = 100, large: int = 2000, kills: int = 20, samples: int = 50
 
 
 def smallest() -> list[Figure]:
-    """Return the figures of a few files."""
-    return main(files=4, large=16, kills=2, samples=500)
+    """Return the figures of a few files, each rate taken once."""
+    return main(files=4, large=16, kills=2, samples=500, turns=1)
 
 
-def _rates(folder: Path, kind: str, files: int, samples: int) -> list[Figure]:
+def _rates(folder: Path, kind: str, files: int, samples: int, turns: int) -> list[Figure]:
     folder.mkdir()
     paths = [_write(folder, kind, serial, samples) for serial in range(files)]
     settings = Settings(options={"output": "angle:rad", "chain": "none"})
     count = min(processors(), 2)
     identify_fleet(folder, folder.parent / f"warm-{kind}", settings=settings, workers=count)
     ratios, rates = [], []
-    for turn in range(3):
+    for turn in range(turns):
         with Processes(_read, count) as pool:
             looks = [time.perf_counter() for _ in pool.results(paths)]
         steps: list[float] = []

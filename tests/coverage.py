@@ -14,8 +14,8 @@ from scipy import stats
 
 FEW = 12
 SOME = 40
-RUNS = [FEW, pytest.param(SOME, marks=pytest.mark.long), pytest.param(200, marks=pytest.mark.long)]
-"""As a parameter `runs` of a test: a few, and in `make test-long` more and many."""
+RUNS = [FEW, pytest.param(200, marks=pytest.mark.long)]
+"""As a parameter `runs` of a test: a few, and in `make test-long` many, of which the first SOME are checked by themselves too."""
 
 
 def fewest_and_most(runs: int) -> tuple[float, float]:
@@ -30,6 +30,13 @@ def mean_square_bounds(runs: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def check_counts(name: str, covers: Sequence[bool]) -> None:
+    """Fail where too few or too many intervals cover, of all runs and of the first SOME."""
+    for each in (covers[:SOME], covers):
+        fewest, most = fewest_and_most(len(each))
+        assert fewest <= sum(each) <= most, (name, len(each), sum(each))
+
+
 def off(interval: tuple[float, float], truth: float) -> float:
     """The distance of the middle of an interval of 95 % from the truth, in the standard deviations that it states."""
     low, high = interval
@@ -37,11 +44,13 @@ def off(interval: tuple[float, float], truth: float) -> float:
 
 
 def check_spread(name: str, offs: Sequence[float]) -> None:
-    """Fail where estimates scatter more or less than their intervals say."""
+    """Fail where estimates of a few runs, or of the first SOME of many, scatter more or less than their intervals say."""
+    offs = offs[:SOME]
     low, high = mean_square_bounds(len(offs))
     assert low <= np.mean(np.square(offs)) <= high, (name, np.mean(np.square(offs)))
 
 
 def check_bias(name: str, offs: Sequence[float]) -> None:
-    """Fail where estimates lie to one side of the truth, by 2.6 standard deviations of their mean."""
+    """Fail where those estimates lie to one side of the truth, by 2.6 standard deviations of their mean."""
+    offs = offs[:SOME]
     assert abs(np.mean(offs)) <= 2.6 / np.sqrt(len(offs)), (name, np.mean(offs))

@@ -119,7 +119,7 @@ def simulate(motors: Motors, u: Array, angle: Array, speed: Array, kicks: Array 
     return out
 
 
-def records(name: str, runs: int, seed: int = SEED) -> Records:
+def records(name: str, runs: int, seed: int = SEED, samples: int = SAMPLES) -> Records:
     """Return the runs of a set; each has a random stream of its own, so more runs don't change the first ones.
 
     J and k vary by ±5 %, the phase of the square wave by a period, the start by a count; equal sets of numbers for equal seeds.
@@ -128,26 +128,26 @@ def records(name: str, runs: int, seed: int = SEED) -> Records:
     streams = [np.random.default_rng([seed, list(SETS).index(name), run]) for run in range(runs)]
     inertia, constant, phase, count, start = (np.array([s.random() for s in streams]) for _ in range(5))
     motors = Motors(inertia=2.1e-5 * (0.95 + 0.1 * inertia), motor_constant=0.042 * (0.95 + 0.1 * constant))
-    t = np.arange(SAMPLES) * SAMPLE_TIME
+    t = np.arange(samples) * SAMPLE_TIME
     u = np.where((0.4 * t + phase[:, None]) % 1.0 < 0.5, kind.high, kind.low)
     speed = kind.start_speed[0] + (kind.start_speed[1] - kind.start_speed[0]) * start
     kicks = None
     if kind.torque_noise:
         sd = kind.torque_noise / motors.inertia * np.sqrt(SAMPLE_TIME / SUBSTEPS)
-        kicks = sd[:, None, None] * np.array([s.standard_normal((SAMPLES, SUBSTEPS)) for s in streams])
+        kicks = sd[:, None, None] * np.array([s.standard_normal((samples, SUBSTEPS)) for s in streams])
     angle = simulate(motors, u, count * QUANTUM, speed, kicks)
     counts = np.floor(angle / QUANTUM).astype(np.int64)
     return Records(t=t, u=u, counts=counts, gain=motors.gain, time_constant=motors.time_constant)
 
 
-def write(folder: Path, runs: int, seed: int = SEED) -> None:
+def write(folder: Path, runs: int, seed: int = SEED, samples: int = SAMPLES) -> None:
     """Write all sets and what is to be found into a folder."""
     (folder / "csv").mkdir(parents=True, exist_ok=True)
     with open(folder / "truth.csv", "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["set", "run", "gain", "time_constant"])
         for name in SETS:
-            data = records(name, runs, seed)
+            data = records(name, runs, seed, samples)
             for run in range(runs):
                 table.writerow([name, run, repr(float(data.gain[run])), repr(float(data.time_constant[run]))])
             _write_set(folder, name, data)
@@ -178,9 +178,9 @@ def main() -> None:
 
 
 def smallest() -> list[str]:
-    """Write all sets of one run into a folder that is gone afterwards, and return the names of the files."""
+    """Write all sets of one short run into a folder that is gone afterwards, and return the names of the files."""
     with tempfile.TemporaryDirectory() as folder:
-        write(Path(folder), 1)
+        write(Path(folder), 1, samples=500)
         return sorted(path.name for path in Path(folder).iterdir())
 
 

@@ -21,8 +21,8 @@ from servobench.fleet import identification, page
 from servobench.fleet.parts import rows_in
 from servobench.fleet.repeatability import gauge_study
 from tests.cli.conftest import Command
-from tests.cli.test_each import COLUMNS, write_motor
-from tests.fleet.motors import comparable, write_fleet
+from tests.cli.test_each import COLUMNS
+from tests.fleet.motors import comparable, write_fleet, write_motor
 
 PATTERN = ("--pattern", "{line}/{serial}_{date}.csv")
 WORKERS = ("--workers", "1")

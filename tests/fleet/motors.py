@@ -9,10 +9,21 @@ import numpy as np
 
 from servobench.fleet.parts import rows_in
 from servobench.fleet.settings import Settings
-from tests.cli.test_each import write_motor
 
 SETTINGS = Settings(options={"output": "speed:rad/s", "chain": "none"})
 PATTERN = "{line}/{serial}_{date}.csv"
+
+
+def write_motor(file: Path, gain: float) -> None:
+    """Write a recording of a motor of that gain and 0.1 s: its speed, every 5 ms."""
+    t = np.arange(0, 4, 0.005)
+    u = np.where(t % 1.3 < 0.6, 2.0, -1.5)
+    speed = np.zeros(len(t))
+    decay = np.exp(-0.05)
+    for k in range(len(t) - 1):
+        speed[k + 1] = decay * speed[k] + (1 - decay) * gain * u[k]
+    rows = "".join(f"{x:.3f},{v:g},{w:.6f}\n" for x, v, w in zip(t, u, speed, strict=True))
+    file.write_text(f"t,voltage,speed\n{rows}", encoding="utf-8")
 
 
 def write_fleet(folder: Path, count: int, *, seed: int = 1, sd: float = 0.5) -> list[str]:

@@ -12,8 +12,7 @@ from servobench.core.errors import UsageError
 from servobench.fleet.identification import Progress, identify_fleet
 from servobench.fleet.parts import part_files
 from servobench.fleet.settings import Settings
-from tests.cli.test_each import write_motor
-from tests.fleet.motors import PATTERN, SETTINGS, comparable, write_fleet
+from tests.fleet.motors import PATTERN, SETTINGS, comparable, write_fleet, write_motor
 
 pytestmark = pytest.mark.usefixtures("quick_workers")
 

@@ -73,16 +73,18 @@ class ResponseFit:
         lacking = self.supports(structure, data)
         if lacking is not None:
             raise NotIdentifiable(lacking.sentence.rstrip("."))
-        point_fit = fit_points(structure, data, starts[0] if starts else None)
-        return _fit(structure, data, point_fit)
+        guess = structure.guesses(data)[0]
+        return _fit(structure, data, fit_points(structure, data, starts[0] if starts else guess), guess)
 
 
 ESTIMATORS.member("frequency_response")(ResponseFit())
 
 
-def _fit(structure: Structure, data: Sequence[Dataset], point_fit: PointFit) -> Fit:
-    """The fit that settled points stand for, with records simulated by it."""
-    guess = structure.guesses(data)[0]
+def _fit(structure: Structure, data: Sequence[Dataset], point_fit: PointFit, guess: Array) -> Fit:
+    """The fit that settled points stand for, with records simulated by it.
+
+    A guess (P + ΣQ,) has the nuisance parameters, and those that a frequency response doesn't show.
+    """
     start = np.concatenate(
         [
             np.where(point_fit.seen, point_fit.theta, guess[: len(point_fit.theta)]),

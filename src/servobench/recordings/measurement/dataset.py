@@ -148,24 +148,24 @@ class Dataset:
         """The shaft's quantity that enters the chain: its position where the chain differentiates, otherwise the `kind` of y."""
         return self.chain.linear.takes or self.kind
 
-    @property
+    @cached_property
     def valid(self) -> Mask:
         """A mask (M,) of the samples of y that don't look back before the first one; the others carry no weight."""
         return self.chain.linear.valid(self.t_output)
 
-    @property
+    @cached_property
     def start_states(self) -> tuple[StartState, ...]:
         """The S unknown start states."""
         running, _ = self._running_and_fresh
         return running.start_states(self.shaft_kind)
 
-    @property
+    @cached_property
     def start_responses(self) -> Array:
         """The responses of y to each unknown start state, per unit of it, as columns (M, S)."""
         running, fresh = self._running_and_fresh
         return fresh(running.start_responses(self.t_output), self.t_output)
 
-    @property
+    @cached_property
     def _running_and_fresh(self) -> tuple[Chain, Chain]:
         """The linear stages with an unknown state at the first sample, and those in the same state as in a prediction.
 

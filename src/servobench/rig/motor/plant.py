@@ -94,8 +94,8 @@ class Plant:
 
     @property
     def _stays_at_rest(self) -> bool:
-        """Whether nothing drives the motor, which has no current and stands still: no tick changes anything."""
-        return self._voltage == self.state.current == self.state.speed == 0.0 and self.factor is None
+        """Whether nothing drives the motor, which has no current and stands still: no tick changes anything, nor any torque."""
+        return self._voltage == self.state.current == self.state.speed == 0.0
 
     def _hold_shaft(self, step: float) -> MotorState:
         """The state after a step [s] with the shaft held where it is: L di/dt = v - R i, without back-emf."""

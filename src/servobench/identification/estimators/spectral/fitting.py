@@ -62,15 +62,15 @@ class PointFit:
     converged: bool
 
 
-def fit_points(structure: Structure, data: Sequence[Dataset], start: Array | None = None) -> PointFit:
+def fit_points(structure: Structure, data: Sequence[Dataset], start: Array) -> PointFit:
     """Return the points of all records and the structure fitted to them.
 
-    The search starts from parameters `start` (P,), each in its own SI unit, or from the structure's guess.
+    The search starts from parameters `start` (P,), or (P + ΣQ,) with nuisance parameters, each in its own SI unit.
 
     Raises `NotIdentifiable` where the data have no frequency response, or too few points for the structure's parameters.
     """
     parts = [stretch for record in data for stretch in stretches(record)]
-    theta = (structure.guesses(data)[0] if start is None else start)[: len(structure.parameters)]
+    theta = start[: len(structure.parameters)]
     for _ in range(_ROUNDS):
         result = _fit_once(structure, data, _points(structure, theta, parts), theta)
         theta = result.theta

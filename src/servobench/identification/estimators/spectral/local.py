@@ -30,7 +30,7 @@ _DEGREE = 2  # of the parabolas
 _QUIET = 15  # lines in a window of separate ones, for three coefficients of T and the noise
 _DENSE = 21  # lines in a window without quiet ones, for six coefficients and the noise
 _WINDOWS = 150  # without quiet lines, at most; a longer record has wider windows
-_POOL = 60.0  # degrees of freedom that a noise level is taken over
+_POOL = 59.5  # degrees of freedom that a noise level is taken over; they are whole numbers but for rounding
 _KNOWN = 1.0  # a ratio with a larger standard deviation isn't known
 _UNKNOWN = 1e100  # the variance of what has no column; finite, as it is multiplied by zeros
 _NODES = {n: np.polynomial.legendre.leggauss(n)[0] for n in (1, 2, 3)}  # Gauss's points along a window
@@ -134,11 +134,12 @@ class _Solution:
 
 
 def _windows(stretch: Stretch, model: Complex, free: Complex) -> list[_Window]:
-    driven = model * stretch.input
-    return [
-        _separate(stretch, at, driven, free) if stretch.separate else _smooth(at, driven, free)
-        for at in _partition(stretch)
-    ]
+    driven, parts = model * stretch.input, _partition(stretch)
+    if stretch.separate:
+        used = ~np.isin(stretch.lines, stretch.detection)
+        return [_separate(stretch, at, used[at], driven, free) for at in parts]
+    strong = np.abs(driven) > 1e-6 * np.abs(driven).max()
+    return [_smooth(at, int(strong[at].sum()), driven, free) for at in parts]
 
 
 def _partition(stretch: Stretch) -> list[Lines]:
@@ -160,7 +161,9 @@ def _partition(stretch: Stretch) -> list[Lines]:
     return np.split(np.arange(total), np.flatnonzero(np.diff(order)) + 1)
 
 
-def _separate(stretch: Stretch, at: Lines, driven: Complex, free: Complex) -> _Window:
+def _separate(
+    stretch: Stretch, at: Lines, used: NDArray[np.bool_], driven: Complex, free: Complex
+) -> _Window:
     """A ratio for each excited line; what the input has beside these lines goes with the nearest one."""
     lines = stretch.lines[at]
     excited = stretch.excited[(stretch.excited >= lines[0]) & (stretch.excited <= lines[-1])]
@@ -168,13 +171,11 @@ def _separate(stretch: Stretch, at: Lines, driven: Complex, free: Complex) -> _W
     if len(excited):
         nearest = np.abs(lines[:, None] - excited).argmin(axis=1)
         columns[np.arange(len(at)), nearest] = driven[at]
-    used = ~np.isin(lines, stretch.detection)
     return _Window(at, used, columns, _powers(at, _DEGREE) * free[at, None], excited)
 
 
-def _smooth(at: Lines, driven: Complex, free: Complex) -> _Window:
-    """A parabola for the ratio, or less where few lines of the window are excited."""
-    strong = int(np.sum(np.abs(driven[at]) > 1e-6 * np.abs(driven).max()))
+def _smooth(at: Lines, strong: int, driven: Complex, free: Complex) -> _Window:
+    """A parabola for the ratio, or less where few lines of the window, `strong`, are excited."""
     degree = min(_DEGREE, strong // 3 - 1)
     powers = _powers(at, _DEGREE)
     columns = powers[:, : degree + 1] * driven[at, None]
@@ -191,29 +192,47 @@ def _powers(at: Lines, degree: int) -> Array:
 
 
 def _solve_stretch(stretch: Stretch, windows: Sequence[_Window], noise: Array) -> list[_Solution]:
-    return [_solve(window, stretch.output[window.at], noise[window.at]) for window in windows]
+    """The solutions of all windows; those of one shape are solved together."""
+    shapes: dict[tuple[int, ...], list[int]] = {}
+    for n, window in enumerate(windows):
+        shapes.setdefault(window.ratio.shape, []).append(n)
+    solutions: dict[int, _Solution] = {}
+    for places in shapes.values():
+        alike = [windows[n] for n in places]
+        at = np.array([window.at for window in alike])
+        solutions.update(zip(places, _solve(alike, stretch.output[at], noise[at]), strict=True))
+    return [solutions[n] for n in range(len(windows))]
 
 
-def _solve(window: _Window, y: Complex, noise: Array) -> _Solution:
-    columns = np.hstack([window.ratio, window.transient])
-    weight = np.sqrt(noise)
-    used = window.used
-    a, b = columns[used] / weight[used, None], y[used] / weight[used]
-    size = np.sqrt(np.sum(np.abs(a) ** 2, axis=0))
-    present = size > 0
-    q, triangle = np.linalg.qr(a[:, present] / size[present])
-    back = np.linalg.pinv(triangle, rcond=1e-12) / size[present, None]
-    linear = np.zeros(columns.shape[1], dtype=np.complex128)
-    linear[present] = back @ (q.conj().T @ b)
-    covariance = np.zeros((len(size), len(size)), dtype=np.complex128)
-    covariance[np.ix_(present, present)] = back @ back.conj().T
-    covariance[~present, ~present] = _UNKNOWN
-    leverage = np.sum(np.abs(columns[:, present] @ back) ** 2, axis=1) / noise
-    count = window.ratio.shape[1]
-    return _Solution(
-        ratio=linear[:count], covariance=covariance[:count, :count], left=y - columns @ linear,
-        leverage=leverage, used=used, noise=noise,
-    )  # fmt: skip
+def _solve(windows: Sequence[_Window], y: Complex, noise: Array) -> list[_Solution]:
+    """The solutions of windows of one shape, whose data are `y` (F, L); a column of zeros has the coefficient zero."""
+    columns = np.array([np.hstack([window.ratio, window.transient]) for window in windows])
+    weight = np.array([window.used for window in windows]) / np.sqrt(noise)
+    a = columns * weight[:, :, None]
+    size = np.sqrt(np.sum(np.abs(a) ** 2, axis=1))
+    absent = size == 0
+    size[absent] = 1.0
+    q, triangle = np.linalg.qr(a / size[:, None, :])
+    back = np.linalg.pinv(triangle, rcond=1e-12) / size[:, :, None]
+    linear = back @ (_adjoint(q) @ (y * weight)[:, :, None])
+    covariance = back @ _adjoint(back)
+    diagonal = np.arange(size.shape[1])
+    covariance[:, diagonal, diagonal] += np.where(absent, _UNKNOWN, 0.0)
+    left = y - (columns @ linear)[:, :, 0]
+    leverage = np.sum(np.abs(columns @ back) ** 2, axis=2) / noise
+    count = windows[0].ratio.shape[1]
+    return [
+        _Solution(
+            ratio=linear[n, :count, 0], covariance=covariance[n, :count, :count], left=left[n],
+            leverage=leverage[n], used=window.used, noise=noise[n],
+        )
+        for n, window in enumerate(windows)
+    ]  # fmt: skip
+
+
+def _adjoint(stack: Complex) -> Complex:
+    """The conjugate transposes (F, C, R) of matrices (F, R, C)."""
+    return stack.conj().swapaxes(1, 2)
 
 
 def _noise_level(solutions: Sequence[_Solution], white: Array, driven: Array) -> Array:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
+from servobench.core.matrix_exponential import matrix_exponential
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -85,6 +86,12 @@ class Path:
         shape = np.ones(len(z), dtype=np.complex128)
         for pole in system.poles[np.abs(system.poles) * self.sample_time > 1e-12]:
             shape /= 1.0 - np.exp(complex(-abs(pole.real), pole.imag) * self.sample_time) / z
+        return shape * self._filter_transient
+
+    @cached_property
+    def _filter_transient(self) -> Complex:
+        """The factor (K,) of the filters in `transient`."""
+        shape = np.ones(len(self.omega), dtype=np.complex128)
         for stage in self.data.chain.linear.stages:
             decay = stage.start_response(np.zeros(1))
             if decay is not None:
@@ -108,12 +115,10 @@ def hold_response(system: TransferFunction, omega: Array, sample_time: float) ->
     whole = float(np.floor(system.delay / sample_time))
     rest = system.delay - whole * sample_time
     shift, scale, output = _canonical(system)
-    transition, newer = _over(shift, scale * (sample_time - rest))
-    _, older = _over(shift, scale * rest)
-    step, _ = _over(shift, scale * sample_time)
-    older = older + transition @ older  # through what is left of the sample
+    transitions, (newer, older, _) = _over(shift, scale * np.array([sample_time - rest, rest, sample_time]))
+    older = older + transitions[0] @ older  # through what is left of the sample
     delta = np.expm1(1j * omega * sample_time)
-    (new, old), below = _ratio(step, (newer, older), output)
+    (new, old), below = _ratio(transitions[2], (newer, older), output)
     above = np.polyval(new, delta) + np.polyval(old, delta) / (1.0 + delta)
     return np.asarray(above / np.polyval(below, delta) * (1.0 + delta) ** -whole, dtype=np.complex128)
 
@@ -132,15 +137,13 @@ def _canonical(system: TransferFunction) -> tuple[Array, float, Array]:
     return shift, sigma, output / system.denominator[0] / sigma**powers
 
 
-def _over(shift: Array, time: float) -> tuple[Array, Array]:
-    """e^(At) - I (n, n) and ∫ e^(As) ds B (n,) over a scaled time."""
-    from scipy.linalg import expm
-
+def _over(shift: Array, times: Array) -> tuple[Array, Array]:
+    """e^(At) - I (M, n, n) and ∫ e^(As) ds B (M, n) over scaled times (M,)."""
     n = len(shift)
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n], block[:n, n:] = shift, np.eye(n)
-    integral = expm(block * time)[:n, n:]
-    return shift @ integral, integral[:, 0]
+    integrals = matrix_exponential(block * times[:, None, None])[:, :n, n:]
+    return shift @ integrals, integrals[:, :, 0]
 
 
 def _ratio(step: Array, inputs: tuple[Array, Array], output: Array) -> tuple[list[Array], Array]:
