@@ -75,7 +75,9 @@ def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:
             "the output doesn't respond to the input. Check that these two columns belong to one motor, or record a larger "
             "input"
         )
-    sentence = f"The data determine neither the {names} nor any combination of them: {advice}.{_speeds_text(fit)}"
+    sentence = (
+        f"The data determine neither the {names} nor any combination of them: {advice}.{_speeds_text(fit)}"
+    )
     return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in principal))
 
 
