@@ -85,6 +85,7 @@ from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 # What follows from another finding, which says more.
 _CONSEQUENCES = {
     "kind-mistaken": "nothing-known",
+    "motion-stopped": "output-stops",
     "output-stops": "delay-negative",
     "gain-falls": "speed-levels-off",
 }
