@@ -103,10 +103,10 @@ def test_where_the_gain_may_be_zero_nothing_else_is_known() -> None:
     assert "allows any gain from" in finding.sentence
 
 
-def test_records_of_one_level_and_one_speed_each_tell_the_gain() -> None:
-    """10 V leads to about twice the speed of 5 V: 55 rad/s more. That both motors are still on their way is no explanation."""
+def of_one_level_each(*points: tuple[float, float]) -> list[Dataset]:
+    """Two seconds at each level [V] and speed [rad/s], with noise of 0.5 rad/s; both were so before the record."""
     rng = np.random.default_rng(1)
-    records = [
+    return [
         replace(
             dataset(seed=1, samples=200, sample_time=0.01, u=np.full(200, level)),
             input_before=level,
@@ -115,15 +115,29 @@ def test_records_of_one_level_and_one_speed_each_tell_the_gain() -> None:
             output_unit="rad/s",
             quantum=None,
         )
-        for level, speed in ((5.0, 50.0), (10.0, 105.0))
+        for level, speed in points
     ]
-    result = identify(records)
+
+
+def test_records_of_one_level_and_one_speed_each_tell_the_gain() -> None:
+    """10 V leads to about twice the speed of 5 V: 55 rad/s more. That both motors are still on their way is no explanation."""
+    result = identify(of_one_level_each((5.0, 50.0), (10.0, 105.0)))
 
     low, high = result["gain"].interval
     assert low < 11.0 < high
     assert result.answers["gain"].state is State.KNOWN
     assert result.answers["time_constant"].state is State.UNKNOWN
     assert "fit-poor" not in {finding.code for finding in result.findings}
+
+
+def test_records_of_one_speed_each_that_no_gain_explains_are_told_what_is_missing() -> None:
+    result = identify(of_one_level_each((5.0, 50.0), (-5.0, 50.0)))
+
+    (refused,) = (finding for finding in result.findings if finding.code == "nothing-known")
+    assert "within each record input and speed stay as they are" in refused.sentence
+    assert "The motor settled at 50 rad/s at −5 V and 50 rad/s at 5 V." in refused.sentence.replace(
+        "\u00a0", " "
+    )
 
 
 def test_a_motor_that_sets_off_under_a_steady_input_is_told_that_a_model_explains_little(
