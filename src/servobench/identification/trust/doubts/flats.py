@@ -35,7 +35,7 @@ _PARTS = 8  # of a record: an input that alternates within them may be too fast 
 _ALTERNATES = 0.1  # of the largest input, as the standard deviation of its means over the parts
 _COUNTED = 50.0  # quanta that show whether a motion is even
 _ONE_STEP = 0.51  # quanta by which even motion may be off its line: half a step, and what a line of least squares adds
-_LONG = 20  # samples under one input, the second quarter of which shows an even speed
+_LONG = 20  # samples under the last input, of which a quarter at least has to show an even speed
 _EVEN = 0.3  # of the speed: what an even one may vary by
 _SLOW = 0.1  # of the speed: so much is as good as rest, and as much less as good as none less
 _AT_REST = 3  # samples
@@ -265,26 +265,27 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
 
 
 def _runs_down(data: Dataset, quantum: float) -> list[Finding]:
-    """Whether a motor that turned evenly under an input comes to rest while it lasts: what is logged isn't what drove it."""
-    if data.input_unit in (data.position_unit, data.output_unit):
-        return []
-    quantum = (
-        quantum if data.kind == "position" else quantum * data.sample_time
-    )  # how far a shaft goes unseen
-    speed = smooth_speed(data)
-    fastest = float(np.percentile(np.abs(speed), 95))
+    """Whether a motor that turned evenly under the last input comes to rest while it lasts: what is logged didn't drive it.
+
+    An arm that swings to where it balances doesn't turn evenly before, and a shaft that turns round doesn't stay at rest.
+    """
     changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
-    for rows in np.split(np.arange(len(data.y)), changes):
-        if len(rows) < _LONG or data.input_at_output[rows[-1]] == 0:
-            continue
-        settled = speed[rows[len(rows) // 4 : len(rows) // 2]]
-        usual = float(np.median(settled))
-        even = np.ptp(settled) <= _EVEN * abs(usual) and abs(usual) > _ABRUPT * fastest
-        at_rest = np.abs(speed[rows]) < _SLOW * abs(usual)
-        slow = len(rows) - 1 - int(np.flatnonzero(~at_rest)[-1]) if not at_rest.all() else 0
-        if even and slow >= _AT_REST and slow * data.sample_time * abs(usual) > _WOULD_GO * quantum:
-            first = int(rows[np.flatnonzero(np.abs(speed[rows]) > (1 - _SLOW) * abs(usual))[-1]])
-            return [_run_down(data, first, int(rows[-1]))]
+    first = int(changes[-1]) if len(changes) else 0
+    speed = smooth_speed(data)[first:]
+    goal = data.input_unit in (data.position_unit, data.output_unit)
+    if goal or len(speed) < _LONG or data.input_at_output[-1] == 0:
+        return []
+    usual = float(np.median(speed[len(speed) // 4 : len(speed) // 2]))
+    fast = np.flatnonzero(np.abs(speed) > (1 - _SLOW) * abs(usual))
+    moving = np.flatnonzero(np.abs(speed) >= _SLOW * abs(usual))
+    if not len(fast) or abs(usual) <= _ABRUPT * float(np.percentile(np.abs(smooth_speed(data)), 95)):
+        return []
+    turning = speed[len(speed) // 4 : fast[-1] + 1]
+    rest = len(speed) - 1 - int(moving[-1])
+    steps = quantum if data.kind == "position" else quantum * data.sample_time  # how far a shaft goes unseen
+    even = 4 * len(turning) > len(speed) and np.ptp(turning) <= _EVEN * abs(usual)
+    if even and rest >= _AT_REST and rest * data.sample_time * abs(usual) > _WOULD_GO * steps:
+        return [_run_down(data, first + int(fast[-1]), len(data.y) - 1)]
     return []
 
 
