@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.estimators.delay_prior import finding, prior_of_delay
+from servobench.identification.estimators.least_squares import minimise
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.dataset import Dataset
@@ -70,3 +73,27 @@ def test_a_delay_that_the_data_know_is_the_datas_own() -> None:
     assert fit is not None
     # A winding-free motor: only rounding, 1/√12 of a count at 10 rad/s and more, over 2000 samples.
     assert abs(fit["delay"].value - 0.040) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("scales", "words", "severity"),
+    [(0.0, "about 2 ms, a sample time or so", "info"), (6.0, "though so long a delay is rare", "info"),
+     (9.0, "Check that the input is logged when it acts.", "warning"), (-0.5, "assumed to be zero", "info"),
+     (-1.5, "assumed to be about −13 ms, which fits best", "info")],
+)  # fmt: skip
+def test_a_delay_that_nothing_shows_is_told_as_it_is_and_doubted_where_nothing_is_so_late(
+    scales: float, words: str, severity: str
+) -> None:
+    """The prior's middle is a sample of 2 ms, its scale 10 ms."""
+    data = dataset(seed=1, kind="prbs", samples=500)
+    structure = STRUCTURES["first_order"]
+    prior = prior_of_delay(structure, [data])
+    assert prior is not None
+    place = minimise(structure, [data], structure.guesses([data])[0])
+    theta = place.theta.copy()
+    theta[prior.at] = prior.middle + scales * prior.scale
+
+    told = finding(replace(place, theta=theta), prior)
+
+    assert words in told.sentence.replace("\u00a0", " ")
+    assert told.severity == severity

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from servobench.core.errors import UnknownName, UsageError
-from servobench.core.finding import Severity, Verdict
-from servobench.identification.identify import identify
+from servobench.core.finding import Severity, Verdict, warning
+from servobench.identification.identify import _without_consequences, identify
 from servobench.identification.models.nominal import nominal_values
 from servobench.identification.result import Result
 from servobench.identification.trust.missing_terms import TERMS
@@ -345,6 +345,32 @@ def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() ->
 
     [asked] = [f.sentence for f in result.findings if f.code == "size-absurd"]
     assert "V read as mV?" in asked
+
+
+@pytest.mark.parametrize(
+    ("cause", "consequence"),
+    [("kind-mistaken", "nothing-known"), ("motion-stopped", "output-stops"), ("output-stops", "delay-negative"),
+     ("gain-falls", "speed-levels-off")],
+)  # fmt: skip
+def test_what_follows_from_a_finding_that_says_more_is_not_told_beside_it(
+    cause: str, consequence: str
+) -> None:
+    more, less, other = (warning(code, f"{code}.") for code in (cause, consequence, "residual-coloured"))
+
+    assert _without_consequences([less, more, other]) == [more, other]
+    assert _without_consequences([less, other]) == [less, other]
+
+
+def test_the_size_of_an_input_is_looked_at_beside_a_doubt_of_the_outputs_unit() -> None:
+    """A doubt of the input's own unit says more than its size does."""
+    data = dataset(seed=1)
+
+    def asks(*figures: str) -> bool:
+        doubt = warning("unit-contradicted", "Its name says another unit.", parameters=figures)
+        return "size-absurd" in codes(identify(replace(data, u=data.u / 1000, findings=(doubt,))))
+
+    assert asks("gain")
+    assert not asks("gain", "coulomb_voltage")
 
 
 @pytest.mark.parametrize(("largest", "is_doubted"), [(60, False), (200, True)])

@@ -255,6 +255,7 @@ EXAMPLES = (
         absent=lambda: about_data([_with_current(1.0)], QUBE_SERVO_2.motor),
     ),
     # Rows 1000 to 1149 hold several bits of the PRBS; a single row is no gap.
+    _example("coast-only", lambda: _duty_after(0.4), lambda: _duty_after(0.0)),
     _example("gap-input-unknown", lambda: _without(np.arange(1000, 1150)), sound),
     _example("input-constant", _already_turning, sound),
     _example("input-is-output", lambda: replace(sound(), u=0.01 * sound().y), sound),
@@ -267,7 +268,6 @@ EXAMPLES = (
     _example("motion-stopped", lambda: _against_a_stop(700), lambda: _against_a_stop(1000)),
     _example("motion-too-small", _within_a_count, _square),
     _example("not-at-rest", lambda: _said_to_rest(50), lambda: _said_to_rest(0)),
-    _example("only-runs-down", lambda: _duty_after(0.4), lambda: _duty_after(0.0)),
     _example("output-clipped", _clipped, _square),
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),

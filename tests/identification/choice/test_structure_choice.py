@@ -12,12 +12,14 @@ from scipy import signal
 from servobench import PRBS, Experiment, measure, run
 from servobench.core.errors import UsageError
 from servobench.core.finding import Verdict
-from servobench.identification.choice.structure_choice import _candidate_terms
-from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.choice.structure_choice import _candidate_terms, choose_structure
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.estimators.prediction_error import PredictionError, disturbance_test
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.result import Result
 from servobench.rig.devices.twin import Twin, TwinSettings
+from tests.contracts.finding_examples.base import with_values
 from tests.datasets import dataset
 from tests.identification.uncertainty.test_systematic_torque import FRICTION, GAIN, TAU
 from tests.identification.uncertainty.test_systematic_torque import turned as finely_stepped
@@ -329,3 +331,19 @@ def test_a_ramp_whose_first_speeds_are_the_motions_before_it_leaves_the_shaft_at
     assert result.fit is not None
     assert result.fit.structure == "first_order_one_way_rest"
     check(result, gain=gain)
+
+
+@pytest.mark.parametrize(("left", "code"), [(0.0, "friction-possible"), (0.1, "friction-found")])
+def test_friction_that_a_random_torque_leaves_nothing_of_is_not_said_to_be_needed(
+    left: float, code: str
+) -> None:
+    """One answer said that friction is needed, and that the data show none of it."""
+    data = dataset(seed=1, kind="prbs", samples=2000, torque_noise=1e-6)
+
+    def beside_torque(fit: Fit) -> Fit:
+        return with_values(PredictionError().fit_after(fit, disturbance_test(fit)), coulomb_voltage=left)
+
+    choice = choose_structure(ESTIMATORS["output_error"], [data], "auto", "auto", beside_torque)
+
+    assert choice.fit.structure == "first_order_coulomb"
+    assert next(each.code for each in choice.findings if "friction" in each.code) == code

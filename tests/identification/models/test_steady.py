@@ -45,7 +45,7 @@ def test_a_speed_that_settles_bounds_the_time_constant_by_the_time_it_had() -> N
 
     assert 0.1 < longest_time_constant([data]) <= 1.0
     assert 0.1 < longest_time_constant(steady) <= 0.5
-    assert [each.level for each in speeds_by_level(steady)] == [2.0, 4.0]
+    assert list(speeds_by_level(steady)) == [2.0, 4.0]
 
 
 @pytest.mark.parametrize("hold", [8, 50])

@@ -202,7 +202,7 @@ def lowest(
     ends: list[Descent] = []
     for start in nearer:
         end = descent(layout, start, free, steps, ends=ends)
-        if not any(end is other for other in ends):
+        if end not in ends:
             ends.append(end)
     others = [(end.point.theta, end.point.cost) for end in ends]
     enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))

@@ -29,28 +29,34 @@ _PLAIN = 0.2  # of the largest speed: a change that shows how fast the speed set
 class SteadySpeed:
     """A `speed` that a motor settled at under a constant input `level`, in the units of the record.
 
-    `time` is that under the input [s], `change` that of the speed since the first quarter of it.
+    `change` is that of the speed since the first quarter of the time under the input.
     """
 
     level: float
     speed: float
-    time: float
     change: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stretches:
-    """Stretches of a record under one input each: level, speed, time [s] and change as in `SteadySpeed`, which settled; (S,).
+    """Stretches under one input each: level, speed and change as in `SteadySpeed`, time [s], and which settled; (S,) each.
 
-    `samples` is the number of samples in all of them.
+    `samples` is the number of samples in all of them, `largest` the largest speed of the whole record.
     """
 
     levels: Array
     speeds: Array
-    times: Array
     changes: Array
+    times: Array
     settled: NDArray[np.bool_]
     samples: int
+    largest: float
+
+
+def stretches_of_input(data: Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first sample of the output under each constant input, and the one after its last (S,)."""
+    changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
+    return np.append(0, changes), np.append(changes, len(data.y))
 
 
 def steady_speeds(data: Dataset) -> list[SteadySpeed]:
@@ -60,23 +66,15 @@ def steady_speeds(data: Dataset) -> list[SteadySpeed]:
     Speeds are in the unit of the position a second, levels in that of the input; in the order of the record.
     """
     each = _stretches(data)
-    rows = np.column_stack([each.levels, each.speeds, each.times, each.changes])[each.settled]
-    return [SteadySpeed(level=lv, speed=sp, time=t, change=ch) for lv, sp, t, ch in rows.tolist()]
+    rows = np.column_stack([each.levels, each.speeds, each.changes])[each.settled]
+    return [SteadySpeed(level=level, speed=speed, change=change) for level, speed, change in rows.tolist()]
 
 
-def speeds_by_level(records: Sequence[Dataset]) -> list[SteadySpeed]:
-    """Return the mean of the speeds that several records settled at under each level, the lowest level first."""
+def speeds_by_level(records: Sequence[Dataset]) -> dict[float, float]:
+    """Return the mean of the speeds that several records settled at under each level, the lowest level first; units as there."""
     every = [each for record in records for each in steady_speeds(record)]
-    alike = [[each for each in every if each.level == level] for level in sorted({e.level for e in every})]
-    return [
-        SteadySpeed(
-            level=each[0].level,
-            speed=float(np.mean([one.speed for one in each])),
-            time=sum(one.time for one in each),
-            change=max((one.change for one in each), key=abs),
-        )
-        for each in alike
-    ]
+    levels = sorted({each.level for each in every})
+    return {level: float(np.mean([each.speed for each in every if each.level == level])) for level in levels}
 
 
 def longest_time_constant(records: Sequence[Dataset]) -> float:
@@ -86,35 +84,38 @@ def longest_time_constant(records: Sequence[Dataset]) -> float:
     the noise then. Speeds that don't change at all say so only where none of any record does: then no record shows how a speed
     changes, and that each motor was by chance as fast as it is, so slow that this doesn't show, is no explanation.
     """
+    return _longest_of_one(records[0]) if len(records) == 1 else _longest_of(records)
+
+
+@keep_with_data
+def _longest_of_one(record: Dataset) -> float:
+    return _longest_of((record,))
+
+
+def _longest_of(records: Sequence[Dataset]) -> float:
     every = [_stretches(record) for record in records]
+    if sum(each.samples for each in every) < _NEARLY_ALL * sum(len(record.y) for record in records):
+        return np.inf
     times = np.concatenate([each.times for each in every])
     changes = np.concatenate([np.abs(each.changes) for each in every])
     settled = np.concatenate([each.settled for each in every])
-    largest = max((_largest(record) for record in records), default=0.0)
+    largest = max(each.largest for each in every)
     plain = changes > _PLAIN * largest
-    if sum(each.samples for each in every) < _NEARLY_ALL * sum(len(record.y) for record in records):
-        return np.inf
     if plain.any():
         return float(times[plain & settled].max()) if np.mean(settled[plain]) >= _NEARLY_ALL else np.inf
-    steady = len(settled) > 0 and bool(settled.all()) and largest > 0.0
-    return float(times.max()) if steady else np.inf
-
-
-def _largest(data: Dataset) -> float:
-    return float(np.abs(smooth_speed(data)).max(initial=0.0))
+    return float(times.max()) if largest > 0.0 and settled.all() else np.inf
 
 
 @keep_with_data
 def _stretches(data: Dataset) -> _Stretches:
-    changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
-    first, end = np.append(0, changes), np.append(changes, len(data.y))
+    first, end = stretches_of_input(data)
     long = end - first >= _FEWEST
     first, end = first[long], end[long]
     half = first + (end - first) // 2
     mid = half + (end - half + 1) // 2
     began = _mean_speeds(data, first, first + (end - first) // 4)
     before, after = _mean_speeds(data, half, mid), _mean_speeds(data, mid, end)
-    t, largest = data.t_output, _largest(data)
+    t, largest = data.t_output, float(np.abs(smooth_speed(data)).max(initial=0.0))
     # Two means of a position may differ by its steps alone.
     quantum = (data.quantum or 0.0) if data.kind == "position" else 0.0
     steps = 2.0 * quantum / (t[end - 1] - t[mid])
@@ -123,10 +124,11 @@ def _stretches(data: Dataset) -> _Stretches:
     return _Stretches(
         levels=data.input_at_output[end - 1],
         speeds=_mean_speeds(data, half, end),
-        times=t[end - 1] - t[first],
         changes=after - began,
-        samples=int(np.sum(end - first)),
+        times=t[end - 1] - t[first],
         settled=(np.maximum(change, steps) <= _SAME * largest) & ~goes_on,
+        samples=int(np.sum(end - first)),
+        largest=largest,
     )
 
 

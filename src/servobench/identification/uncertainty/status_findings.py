@@ -9,7 +9,7 @@ from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval, with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import steady_speed
-from servobench.identification.models.steady import SteadySpeed, speeds_by_level
+from servobench.identification.models.steady import speeds_by_level
 from servobench.identification.uncertainty.composition import composition
 from servobench.identification.uncertainty.identifiability import (
     Combination,
@@ -81,10 +81,10 @@ def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:
     return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in principal))
 
 
-def _end_speeds(fit: Fit) -> list[SteadySpeed]:
-    """The speeds that the motor settled at under an input."""
+def _end_speeds(fit: Fit) -> dict[float, float]:
+    """The speeds that the motor settled at under an input, by its level."""
     speeds = speeds_by_level([record.data for record in fit.records])
-    return [each for each in speeds if each.level != 0.0 and each.speed != 0.0]
+    return {level: speed for level, speed in speeds.items() if level != 0.0 and speed != 0.0}
 
 
 def _speeds_text(fit: Fit) -> str:
@@ -93,8 +93,8 @@ def _speeds_text(fit: Fit) -> str:
     if not 0 < len(speeds) <= _FEW:
         return ""
     texts = [
-        f"{with_unit(each.speed, f'{data.position_unit}/s', 3)} at {with_unit(each.level, data.input_unit, 3)}"
-        for each in speeds
+        f"{with_unit(speed, f'{data.position_unit}/s', 3)} at {with_unit(level, data.input_unit, 3)}"
+        for level, speed in speeds.items()
     ]
     return f" The motor settled at {list_text(texts)}."
 

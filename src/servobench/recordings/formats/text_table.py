@@ -215,6 +215,7 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
         usable,
     )
     findings = [
+        *_about_marks(lines.content[start:], layout),
         *about_times_above,
         *about_notation,
         *about_header,
@@ -222,10 +223,6 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
         *about_stamps,
         *about_cells,
     ]
-    if layout.decimal == ",":
-        findings.insert(0, info("decimal-comma", "The commas inside numbers are decimal marks."))
-    if (example := _number_with_marks(lines.content[start:], layout)) is not None:
-        findings.insert(0, about_thousands(example))
     table = Table(
         headings=headings,
         values=values[usable],
@@ -238,10 +235,14 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     return _with_clock(table, clocks) if clocks else table
 
 
-def _number_with_marks(content: Sequence[str], layout: Layout) -> str | None:
-    """The first number with separators between thousands; None where there is none."""
+def _about_marks(content: Sequence[str], layout: Layout) -> list[Finding]:
+    """The findings on what stands inside numbers: separators between thousands, and decimal commas."""
     cells = (cell for line in content if has_mark(line) for cell in layout.row(line) or ())
-    return next((cell for cell in cells if has_mark(cell) and layout.is_number(cell)), None)
+    grouped = next((cell for cell in cells if has_mark(cell) and layout.is_number(cell)), None)
+    findings = [] if grouped is None else [about_thousands(grouped)]
+    if layout.decimal == ",":
+        findings.append(info("decimal-comma", "The commas inside numbers are decimal marks."))
+    return findings
 
 
 def _check_upright(values: Array, name: str, separator: str) -> None:

@@ -1,4 +1,4 @@
-"""A duty whose only effect that is seen is its end: a driver that lets go of the motor makes another one of it."""
+"""A record that shows nothing but a coast: a driver that lets go of the motor at zero duty makes another one of it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _STEADY = 0.1  # of the speed: what one may change by before the duty ends
 
 
 def _about(records: Sequence[Dataset]) -> list[Finding]:
-    if not all(is_duty(record) and _only_runs_down(record) for record in records):
+    if not all(is_duty(record) and _only_coasts(record) for record in records):
         return []
     sentence = (
-        "The speed changes only after the duty has become zero. Many drivers let go of a motor there instead of braking it, and "
-        "then it runs down by friction alone, far more slowly than it follows a duty: the time constant is that of running down. "
-        "Record a step under power as well."
+        "The speed changes only after the duty has become zero. Many drivers let go of a motor there instead of braking it; it "
+        "then coasts, and takes far longer than it does to follow a duty: the time constant is that of the coast. Record a step "
+        "under power as well."
     )
-    return [warning("only-runs-down", sentence, parameters=("time_constant", "gain", "coulomb_voltage"))]
+    return [warning("coast-only", sentence, parameters=("time_constant", "gain", "coulomb_voltage"))]
 
 
-def _only_runs_down(record: Dataset) -> bool:
+def _only_coasts(record: Dataset) -> bool:
     """Whether the input becomes zero from one at which the speed is steady, and changes nowhere else but in the first rows."""
     changes = np.flatnonzero(np.diff(record.u)) + 1
     later = changes[changes >= _FIRST]
@@ -37,4 +37,4 @@ def _only_runs_down(record: Dataset) -> bool:
     return len(before) == 1 and abs(before[0].change) <= _STEADY * abs(before[0].speed)
 
 
-DOUBTS.member("coast_only")(Doubt(codes=("only-runs-down",), about_data=_about))
+DOUBTS.member("coast_only")(Doubt(codes=("coast-only",), about_data=_about))

@@ -14,6 +14,7 @@ from servobench.core.finding import Finding, refusal, warning
 from servobench.core.rounding import plain, with_unit
 from servobench.core.runs import runs
 from servobench.identification.models.motion import smooth_speed, smoothing_span
+from servobench.identification.models.steady import stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.recordings.measurement.dataset import Dataset
@@ -269,8 +270,7 @@ def _runs_down(data: Dataset, quantum: float) -> list[Finding]:
 
     An arm that swings to where it balances doesn't turn evenly before, and a shaft that turns round doesn't stay at rest.
     """
-    changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
-    first = int(changes[-1]) if len(changes) else 0
+    first = int(stretches_of_input(data)[0][-1])
     speed = smooth_speed(data)[first:]
     goal = data.input_unit in (data.position_unit, data.output_unit)
     if goal or len(speed) < _LONG or data.input_at_output[-1] == 0:

@@ -13,6 +13,7 @@ from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import Layout, at, lowest
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.position_loop.goal import goal_finding
+from servobench.identification.models.steady import stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.echo import alike
 from servobench.identification.trust.doubts.rest_claimed import isnt_at_rest
@@ -64,11 +65,10 @@ def _about_fit(fit: Fit) -> list[Finding]:
 
 def _comes_to_rest(data: Dataset) -> bool:
     """Whether the input stands still for long, somewhere off zero, and the output hardly changes in the last quarter of that."""
-    changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
     stretches = [
-        data.y[rows]
-        for rows in np.split(np.arange(len(data.y)), changes)
-        if len(rows) >= _LONG and data.input_at_output[rows[-1]] != 0
+        data.y[first:end]
+        for first, end in zip(*stretches_of_input(data), strict=True)
+        if end - first >= _LONG and data.input_at_output[first] != 0
     ]
     return bool(stretches) and all(np.ptp(y[-len(y) // 4 :]) < _HARDLY * np.ptp(y) for y in stretches)
 
