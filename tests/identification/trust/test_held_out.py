@@ -175,3 +175,16 @@ def test_under_a_random_torque_the_rest_is_fitted_as_the_whole_was() -> None:
     assert result.validation.fit_percent == pytest.approx(fit_percent(held), abs=0.1)
     assert by_least_squares is not None
     assert by_least_squares.fit_percent < result.validation.fit_percent - 0.5
+
+
+def test_a_record_is_simulated_with_the_parameters_of_another_motor_though_its_own_has_others() -> None:
+    """A speed that settles says that its own motor is faster: the simulation isn't made faster for that."""
+    record = dataset(seed=2, samples=3000, chain="derivative")
+    structure = STRUCTURES["first_order"]
+    theta = np.array([20.0, 2.0, 0.0, 0.0])  # rad/(s·V), s, V, s
+    assert theta[1] > structure.bounds([record])[1][1]
+
+    simulated = simulate_record(structure, theta, record)
+
+    expected = structure.predict(np.concatenate([theta, simulated.nuisance]), record).y
+    np.testing.assert_array_equal(simulated.prediction, expected)

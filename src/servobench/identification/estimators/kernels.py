@@ -14,6 +14,7 @@ from servobench.identification.estimators.symmetric import invert
 # Each term of the series of cosine and sine over the one before and the angle's square, with the sign turned.
 _COSINE = tuple(1.0 / ((2 * n - 1) * (2 * n)) for n in range(1, 9))
 _SINE = tuple(1.0 / ((2 * n) * (2 * n + 1)) for n in range(1, 9))
+_HALVINGS = 45  # of a range of some standard deviations: to the last digits of a number
 _NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
 
 
@@ -87,6 +88,27 @@ def innovations(
         for n in range(columns):
             th[n] += way * w[n]
             w[n] *= decay
+
+
+@compiled
+def mixture_reach(weights: Array, middles: Array, sds: Array, chance: float) -> float:
+    """Return how far from zero a mixture of normal distributions (K,) is with that chance only, by halving.
+
+    `weights`, `middles` and `sds` are those of its parts, in standard deviations of the whole about zero, so that Chebyshev's
+    inequality says how far it can be at most.
+    """
+    low, high = 0.0, 1.0 / math.sqrt(chance)
+    for _ in range(_HALVINGS):
+        far, outside = 0.5 * (low + high), 0.0
+        for k in range(len(weights)):
+            scale = 1.0 / (math.sqrt(2.0) * sds[k])
+            tails = math.erfc((far - middles[k]) * scale) + math.erfc((far + middles[k]) * scale)
+            outside += 0.5 * weights[k] * tails
+        if outside > chance:
+            low = far
+        else:
+            high = far
+    return 0.5 * (low + high)
 
 
 @compiled

@@ -140,13 +140,21 @@ class Layout:
     def _curved(self) -> CurvedValley | None:
         return as_protocol(self.structure, CurvedValley)
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the lower and the upper bounds of the joint vector."""
-        return self._bounds
+    def bounds(self, free: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
+        """Return the lower and the upper bounds of the joint vector; what isn't `free` (P + ΣQ,) stays where it is, unbounded."""
+        if free is None:
+            return self._bounds
+        # Of a motor that is held the bounds, which take a while, are never asked.
+        held = np.full(self.shared, np.inf)
+        lower, upper = self._bounds if free[: self.shared].any() else self._with_own_bounds(-held, held)
+        return np.where(free, lower, -np.inf), np.where(free, upper, np.inf)
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
-        lower, upper = self.structure.bounds(self.data)
+        return self._with_own_bounds(*self.structure.bounds(self.data))
+
+    def _with_own_bounds(self, lower: Array, upper: Array) -> tuple[Array, Array]:
+        """Bounds of the shared parameters (P,), and behind them those of each record's own (P + ΣQ,)."""
         own = [p for record in self.data for p in self.structure.nuisance(record)]
         return np.append(lower, [p.lower for p in own]), np.append(upper, [p.upper for p in own])
 
@@ -265,12 +273,13 @@ def descent(
     """Go from a start vector to a minimum of the sum of squared residuals; `free` (P + ΣQ,) says which entries may move (all).
 
     Levenberg (1944) and Marquardt (1963). The damping follows how well the quadratic model foretold the change of the cost: down
-    to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them.
+    to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them;
+    what may not move stays where it is, even beyond what these records would allow.
     Where steps are refused again and again the valley bends, and each refused one is tried along the next of `Layout.moves`.
     `start` (P + ΣQ,) is in the units of the parameters. Where the quadratic model, hardly damped, foretells a decrease of the
     cost that is less than `worth`, the search ends. At one of the settled `ends` of other starts, that is returned.
     """
-    lower, upper = layout.bounds()
+    lower, upper = layout.bounds(free)
     moves = np.ones(len(start), dtype=bool) if free is None else free
     point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
     refusals, refused = 0, 0.0

@@ -20,15 +20,12 @@ stands for it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.crossing import crossing
-from servobench.core.probability import normal_below
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.disturbance import Disturbance, Trial
@@ -105,18 +102,13 @@ def tail_factor(weights: Array, means: Array, variances: Array, variance: float)
 
     `variance` is the mean square of the whole mixture about zero; the factor is at least 1.
     """
+    from servobench.identification.estimators import kernels
+
     if not variance > 0:
         return 1.0
     # In standard deviations of the whole; a parameter that one level holds at its place is a point there.
     middles, sds = means / np.sqrt(variance), np.sqrt(np.maximum(variances / variance, _POINT))
-    levels = list(zip(weights.tolist(), middles.tolist(), sds.tolist(), strict=True))
-
-    def beyond(far: float) -> float:
-        outside = (w * (normal_below((x - far) / sd) + normal_below((-x - far) / sd)) for w, x, sd in levels)
-        return math.fsum(outside) - _SELDOM
-
-    # Chebyshev's inequality says how far it can be at most.
-    return max(crossing(beyond, 0.0, 1.0 / np.sqrt(_SELDOM)) / _NORMAL, 1.0)
+    return max(kernels.mixture_reach(weights, middles, sds, _SELDOM) / _NORMAL, 1.0)
 
 
 def _weights(trials: list[Trial]) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, Protocol, TypeAlias, TypeVar, cast, get_args, runtime_checkable
 
 import numpy as np
@@ -151,7 +152,7 @@ class Model:
         """Return the value of a parameter."""
         return float(self.theta[self.names.index(name)])
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """The names of the parameters."""
         return tuple(parameter.name for parameter in self.structure.parameters)

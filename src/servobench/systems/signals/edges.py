@@ -44,7 +44,8 @@ def periods(t: Array, frequency: float, start: float, phase: float = 0.0) -> Per
     t = np.asarray(t, dtype=float)
     since_start = frequency * (t - start)
     cycles = since_start + phase / (2 * math.pi)
-    margin = _MARGIN + _ROUNDING * (frequency * (np.abs(t) + abs(start)) + abs(phase))
+    earliest = _MARGIN + _ROUNDING * (frequency * abs(start) + abs(phase))
+    margin = earliest + _ROUNDING * frequency * np.abs(t)
     whole = np.floor(cycles + margin)
     return Periods(whole, np.maximum(cycles - whole, 0.0), since_start >= -margin, margin)
 
