@@ -189,3 +189,21 @@ def test_a_jump_is_told_by_its_row_in_the_file_although_the_first_rows_are_not_u
     assert "the position jumps in sample 701 (3.5 s)" in told
     logger.write_text("\n".join([header, *slipped[700:]]) + "\n", encoding="utf-8")
     assert "the position jumps" not in servobench("identify", logger, *COLUMNS).out
+
+
+@pytest.mark.parametrize("command", ["identify", "inspect", "why", "stability"])
+def test_the_name_of_a_second_column_says_that_whole_numbers_behind_commas_are_two(
+    servobench: Command, tmp_path: Path, command: str
+) -> None:
+    """A file that could as well hold one column of numbers with decimal commas."""
+    file = tmp_path / "counter.csv"
+    rows = (f"{round(1e4 * -np.expm1(-0.05 * k))},{5 * k}\n" for k in range(200))
+    file.write_text("".join(rows), encoding="utf-8")
+    stated = ("--output", "1:rpm", "--time", "2:ms", "--chain", "none", "--starts-at-rest")
+    if command == "inspect":
+        stated = stated[:-1]
+
+    ended = servobench(command, file, *COMMANDS[command], "--input-value", "6:V", *stated)
+
+    assert ended.status in (0, 3), ended.err  # one level doesn't tell the gain
+    assert "decimal comma" not in ended.err

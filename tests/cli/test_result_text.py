@@ -3,16 +3,21 @@
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
 import pytest
 from rich.console import Console
 
 from servobench.cli.layout import show_table
-from servobench.cli.result_text import show_findings
+from servobench.cli.result_text import show_findings, show_result
 from servobench.cli.terminal import printable
-from servobench.core.finding import Finding, info, refusal, warning
+from servobench.core.finding import Finding, Verdict, info, refusal, warning
 from servobench.core.parameter_names import parameter_in_words
 from tests.cli.conftest import Command
+
+if TYPE_CHECKING:
+    from servobench.identification.result import Result
 
 
 def shown(*findings: Finding) -> list[str]:
@@ -58,6 +63,19 @@ def test_a_single_finding_that_is_left_out_is_one() -> None:
         show_findings(console, [info("a", "One."), info("b", "Two.")], most=1)
 
     assert capture.get().splitlines()[-1].strip() == "and 1 less important one (--all-findings)"
+
+
+def test_what_refuses_a_result_comes_before_its_causes() -> None:
+    console = Console(width=60, markup=False, highlight=False)
+    cause = warning("gain-falls", "Large inputs act less.")
+    result = SimpleNamespace(
+        verdict=Verdict.REFUSED, fit=None, findings=(cause, refusal("misfit", "The model is wrong."))
+    )
+    with console.capture() as capture:
+        show_result(console, cast("Result", result))
+
+    marks = [line.strip() for line in capture.get().splitlines() if line.startswith("  ")]
+    assert marks == ["✗ The model is wrong.", "! Large inputs act less."]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import pytest
 import xarray
 
 import servobench as sb
-from servobench.core.errors import MissingInformation, UnitError, UnknownName, UsageError
+from servobench.core.errors import FormatError, MissingInformation, UnitError, UnknownName, UsageError
 from servobench.recordings.adapters.base import unique_names
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.reading import datasets_in, evidence_in
@@ -177,6 +177,11 @@ WRONG: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
         UnitError,
         "'furlong' isn't a known unit",
     ),
+    "a duty with its name for a unit": (
+        {"data": COLUMNS, "input": "u:pwm", "output": "speed:rad/s"},
+        UnitError,
+        "'pwm' isn't a known unit; a duty is in %, or in PWM/N .* `u:PWM/255`",
+    ),
     "an unknown option": ({"data": COLUMNS, "inputs": "u:V"}, UnknownName, "no option called 'inputs'"),
     "an option of a wrong type": ({"data": COLUMNS, "input": 3}, UsageError, "input is 3; expected a text"),
     "counts of a wrong type": (
@@ -287,3 +292,42 @@ def test_of_recordings_in_files_of_one_name_each_has_its_folder_before_its_own_n
 
     assert [each.name for each in unique_names(recordings)] == ["a/log run", "b/log run"]
     assert unique_names(()) == ()
+
+
+def whole_numbers(folder: Path) -> Path:
+    """Times [ms] and speeds [rpm], whole and separated by commas, without names: each row may be one number as well."""
+    rows = [f"{round(1e4 * speed)},{5 * k}" for k, speed in enumerate(speed_of_step())]
+    file = folder / "log.csv"
+    file.write_text("\n".join(rows), encoding="utf-8")
+    return file
+
+
+def speed_of_step() -> Any:
+    return -np.expm1(-0.005 * np.arange(200) / TAU)
+
+
+@pytest.mark.parametrize("second", ["2:ms", "column_2:ms"])
+def test_an_option_that_names_the_second_column_says_that_there_are_two(tmp_path: Path, second: str) -> None:
+    file = whole_numbers(tmp_path)
+    for data in (file, str(file), [file]):
+        (record,) = datasets_in(data, input_value="6:V", output="1:rpm", time=second)
+
+        assert record.t_output[-1] == pytest.approx(0.995)
+        np.testing.assert_allclose(record.y, np.round(1e4 * speed_of_step()) * np.pi / 30, rtol=1e-12)
+
+
+def test_a_mapping_that_names_the_second_column_says_so_too(tmp_path: Path) -> None:
+    mapping = tmp_path / "mapping.toml"
+    mapping.write_text('time = "2:ms"\noutput = "1:rpm"\ninput_value = "6:V"\n', encoding="utf-8")
+    (record,) = datasets_in(whole_numbers(tmp_path), mapping=mapping)
+
+    assert len(record.y) == 200
+
+
+def test_whole_numbers_behind_commas_of_which_no_option_names_the_second_are_asked_about(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(
+        FormatError, match=r"two whole numbers or one .* by its number, such as `output=2:UNIT`"
+    ):
+        datasets_in(whole_numbers(tmp_path), input_value="6:V", output="1:rpm")

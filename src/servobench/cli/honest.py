@@ -76,7 +76,7 @@ def honest(
     console = messages() if as_json else output()
     with Progress() as progress, announce_compiling(progress):
         if paths and experiment is None:
-            recordings = load_all(paths, progress)
+            recordings = load_all(paths, progress, reading)
         else:
             _refuse_reading(reading)
             recordings, chain = _repeat_runs(experiment, device, seed, runs, out, console, progress)

@@ -91,8 +91,10 @@ def identify(
         )
         raise typer.Exit(identify_each(files, settings, out, as_json, context.obj or ""))
     with Progress() as progress:
-        fitted = evidence_of(load_all(files, progress), reading)
-        others = further_evidence_of(load_all(validate_with, progress), reading) if validate_with else []
+        fitted = evidence_of(load_all(files, progress, reading), reading)
+        others = (
+            further_evidence_of(load_all(validate_with, progress, reading), reading) if validate_with else []
+        )
         with announce_compiling(progress):
             result = conclude(
                 fitted,

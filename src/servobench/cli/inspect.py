@@ -55,7 +55,7 @@ def inspect(
     if report is not None and write_mapping is not None and report.resolve() == write_mapping.resolve():
         raise UsageError(f"--report and --write-mapping both name {report}; give two names")
     with Progress() as progress:
-        loaded = load_all([file], progress)
+        loaded = load_all([file], progress, reading)
     meant = recordings_meant(loaded, **reading.options)
     looks = [_look(each, mapping) for each, mapping in meant]
     recordings = [look.recording for look in looks]

@@ -16,15 +16,16 @@ if TYPE_CHECKING:
     from servobench.recordings.recording import Recording
 
 
-def load_all(files: Sequence[Path], progress: Progress) -> list[Recording]:
-    """Return all recordings in some files, in their order."""
-    from servobench.recordings.loading.load import load
+def load_all(files: Sequence[Path], progress: Progress, reading: Reading | None = None) -> list[Recording]:
+    """Return all recordings in some files, in their order; `reading` decides where one may be read in two ways."""
+    from servobench.recordings.reading import recordings_as_stated
 
+    stated = {} if reading is None else reading.options
     recordings: list[Recording] = []
     progress.begin("reading")
     for number, file in enumerate(files):
         progress.advance(number / len(files))
-        recordings += load(file)
+        recordings += recordings_as_stated(file, **stated)
     return recordings
 
 
@@ -78,7 +79,7 @@ def identify_file(path: Path, reading: Reading, starts_at_rest: bool) -> Result:
     from servobench.cli.progress import Progress, announce_compiling
 
     with Progress() as progress:
-        evidence = evidence_of(load_all([path], progress), reading)
+        evidence = evidence_of(load_all([path], progress, reading), reading)
         with announce_compiling(progress):
             return conclude(evidence, progress, starts_at_rest=starts_at_rest)
 

@@ -68,7 +68,7 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
 
 
 def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
-    """Causes first, then refusals, remedies and, where only the data want something, warnings; of others the number, or all."""
+    """Refusals first, then causes, where only the data want something warnings, and remedies; of others the number, or all."""
     from servobench.identification.trust.explanations.base import is_cause
 
     if result.fit is not None and _determines_nothing(result):
@@ -82,8 +82,10 @@ def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
         for finding in result.findings
         if finding not in causes and (finding.severity in severities or finding.code in _REMEDIES)
     ]
-    show_findings(console, causes)
-    show_findings(console, refusals)
+    decisive = [each for each in (*causes, *refusals) if each.severity is Severity.REFUSAL]
+    show_findings(console, decisive)
+    show_findings(console, [each for each in causes if each not in decisive])
+    show_findings(console, [each for each in refusals if each not in decisive])
     rest = [finding for finding in result.findings if finding not in causes and finding not in refusals]
     if all_findings:
         show_findings(console, rest)

@@ -161,7 +161,7 @@ def _result_and_records(
     from servobench.recordings.boundedness import bibo
 
     with Progress() as progress:
-        evidence = evidence_of(load_all([path], progress), reading)
+        evidence = evidence_of(load_all([path], progress, reading), reading)
     records = [each.dataset(starts_at_rest) for each in evidence]
     _gain(kp, _gain_unit(records[0]))  # a mistake in it is reported before any work is done
     lines = []

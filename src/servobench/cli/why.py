@@ -77,7 +77,7 @@ def why(
     _check_has_something(claimed, nominal)
     check_free(report, "--report", [*files, reading.mapping], overwrite)
     with Progress() as progress:
-        evidence = evidence_of(load_all(files, progress), reading)
+        evidence = evidence_of(load_all(files, progress, reading), reading)
         with announce_compiling(progress):
             result = conclude(evidence, progress, starts_at_rest=starts_at_rest)
             explanation = explained(result, claimed or (), nominal=nominal, method=method)

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from servobench.core.arguments import check_type
-from servobench.core.errors import UnknownName, UsageError
+from servobench.core.errors import FormatError, UnknownName, UsageError
 from servobench.recordings.adapters.base import recordings_in, unique_names
 from servobench.recordings.arrays import recordings_of_arrays
 from servobench.recordings.evidence import Evidence, evidence_of
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.formats.roles import ColumnSpec
 from servobench.recordings.formats.timing import seconds
+from servobench.recordings.loading.load import load_two_columns
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.recording import Recording
 
@@ -78,6 +79,12 @@ class _Said:
     base: Mapping
     units: dict[str, str]
     values: tuple[str, ...] = ()
+
+    @property
+    def names_second_column(self) -> bool:
+        """Whether a role is given to the second column by its number, or by the name that it has where no row names it."""
+        columns = (getattr(each, role) for each in (self.mapping, self.base) for role in _TEXTS[:6])
+        return any(ColumnSpec.parse(text).column in ("2", "column_2") for text in columns if text)
 
     def of(self, recording: Recording, part: int = 0) -> Mapping:
         """The mapping for a recording of a part of the data: the mapping's file, overridden by the options, with their units."""
@@ -180,7 +187,33 @@ def _look(
         raise UsageError(
             f"input_value has {len(mapping.values)} values, and {argument} {len(parts)}; give one, or one for each in a list"
         )
-    return tuple((each, k) for k, part in enumerate(parts) for each in recordings_in(part, argument)), mapping
+    return tuple(
+        (each, k) for k, part in enumerate(parts) for each in _read(part, argument, mapping)
+    ), mapping
+
+
+def recordings_as_stated(data: object, *, argument: str = "data", **options: Any) -> tuple[Recording, ...]:
+    """Return the recordings in the given data; options of `ReadingOptions` decide where a file may be read in two ways.
+
+    Rows such as `7,25` may be two whole numbers, or one with a decimal comma: two if an option names the second column.
+    Raises what `recordings_in` raises.
+    """
+    return _read(data, argument, _parse_options(_without_empty(options)))
+
+
+def _read(data: object, argument: str, stated: _Said) -> tuple[Recording, ...]:
+    if isinstance(data, list | tuple) and data:
+        return tuple(each for k, part in enumerate(data) for each in _read(part, f"{argument}[{k}]", stated))
+    try:
+        return recordings_in(data, argument)
+    except FormatError as error:
+        from servobench.recordings.formats.text_table import OneOrTwoColumns
+
+        if not isinstance(error, OneOrTwoColumns) or not isinstance(data, str | os.PathLike):
+            raise
+        if not stated.names_second_column:
+            raise
+        return load_two_columns(data)
 
 
 def _without_empty(options: dict[str, Any]) -> dict[str, Any]:

@@ -269,3 +269,83 @@ def test_a_motor_that_runs_down_under_an_input_was_switched_off(as_speed: bool) 
     assert told(logged) == {"output-stops"}
     (stop,) = (each for each in identify(logged).findings if each.code == "output-stops")
     assert "after 9.5" in stop.sentence
+
+
+STEADY = np.arange(400) * 0.005
+
+
+def under_one_input(
+    speed: NDArray[np.float64], *, as_position: bool, t: NDArray[np.float64] = STEADY
+) -> Dataset:
+    """A motor under 5 V all the time, by its speed [rad/s] at times t [s], or by its position behind 2048 counts per turn."""
+    like = dataset(seed=1, samples=len(t), sample_time=0.005, u=np.full(len(t), 5.0), y=np.zeros(len(t)))
+    like = replace(like, input_before=5.0, t_input=t, t_output=t)
+    if as_position:
+        way = np.concatenate([[0.0], np.cumsum(np.diff(t) * 0.5 * (speed[1:] + speed[:-1]))])
+        return replace(like, y=(np.floor(way / QUANTUM) + 0.5) * QUANTUM)
+    noisy = speed + 0.2 * np.random.default_rng(1).standard_normal(len(speed))
+    return replace(like, y=noisy, kind="speed", output_unit="rad/s", quantum=None)
+
+
+def after(begin: float, tau: float) -> NDArray[np.float64]:
+    """What is left of a speed that falls with a time constant from some moment on."""
+    return np.exp(-np.maximum(STEADY - begin, 0.0) / tau)
+
+
+SPEED = 80.0 * -np.expm1(-STEADY / 0.1)
+
+
+@pytest.mark.parametrize("as_position", [False, True])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_run_down_that_the_end_of_the_record_cuts_short_is_reported(
+    sense: float, as_position: bool
+) -> None:
+    (finding,) = DOUBTS["flats"].about_data(
+        [under_one_input(sense * SPEED * after(1.85, 0.12), as_position=as_position)]
+    )
+
+    assert finding.code == "output-stops"
+    assert "although the input stays at 5\u00a0V" in finding.sentence
+    assert "Use only the rows up to 1.8" in finding.sentence
+
+
+def test_one_row_for_each_slot_shows_a_run_down_too() -> None:
+    """Times [s] of the slots of a disc: 100 at 80 slots a second, and then six that each take a third longer."""
+    steps = np.concatenate([np.full(100, 0.0125), 0.0125 * (4.0 / 3.0) ** np.arange(1, 7)])
+    t = np.concatenate([[0.0], np.cumsum(np.round(steps, 3))])
+    data = replace(
+        under_one_input(np.ones(len(t)), as_position=False, t=t),
+        y=np.arange(len(t), dtype=np.float64),
+        kind="position",
+        output_unit="counts",
+        quantum=1.0,
+    )
+
+    assert told(data) == {"output-stops"}
+
+
+@pytest.mark.parametrize("as_position", [False, True])
+@pytest.mark.parametrize(
+    "speed",
+    [
+        pytest.param(SPEED, id="a step"),
+        pytest.param(SPEED * (1.0 + 0.12 * np.sin(40.0 * STEADY)), id="a ripple"),
+        pytest.param(SPEED * (1.0 - 0.2 * STEADY), id="a supply that weakens"),
+        pytest.param(SPEED * after(1.95, 0.4), id="a little slower at the end"),
+        pytest.param(80.0 * np.exp(-STEADY) * np.sin(6.0 * STEADY), id="a pendulum that swings"),
+        pytest.param(80.0 * (1.0 + 0.6 * np.cos(3.0 * STEADY)), id="a pendulum that goes round"),
+        pytest.param(80.0 / np.cosh(1.7 * STEADY - 1.5), id="a pendulum that just fails to go round"),
+        pytest.param(SPEED * np.exp(-STEADY / 0.8), id="a weight that is lifted to its balance"),
+    ],
+)
+def test_no_other_motion_under_one_input_is(speed: NDArray[np.float64], as_position: bool) -> None:
+    assert told(under_one_input(speed, as_position=as_position)) == set()
+
+
+@pytest.mark.parametrize("as_position", [False, True])
+def test_a_false_value_at_the_end_of_a_record_is_no_run_down(as_position: bool) -> None:
+    data = under_one_input(SPEED, as_position=as_position)
+    y = data.y.copy()
+    y[-1] -= 30 * QUANTUM if as_position else 50.0
+
+    assert told(replace(data, y=y)) == set()

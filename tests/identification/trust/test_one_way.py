@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from tests.datasets import dataset
 
 T = 0.002 * np.arange(4000)
@@ -22,3 +25,33 @@ def test_friction_that_holds_the_shaft_brakes_it_whichever_way_it_turns(way: flo
         "friction-and-offset-together",
         "offset-found",
     ]
+
+
+def test_a_start_speed_that_is_gone_at_once_is_no_turning() -> None:
+    """With a time constant of a thousandth of a sample time, any start speed leaves the position as it is."""
+    data = dataset(seed=1, kind="prbs", samples=1000)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+    names = list(fit.model.names)
+    theta = fit.model.theta.copy()
+    theta[names.index("time_constant")] = 2e-6
+    (record,) = fit.records
+    nuisance = record.nuisance.copy()
+    nuisance[-1] = 1e5
+    short = replace(
+        fit,
+        model=replace(fit.model, theta=theta),
+        records=(replace(record, nuisance=nuisance),),
+    )
+
+    assert not hardly_turns_back(fit)
+    assert not hardly_turns_back(short)
+
+
+def test_the_finding_on_a_motor_that_turns_back_does_not_suppose_who_chose_the_structure() -> None:
+    data = dataset(seed=1, kind="prbs", samples=2000)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+    (finding,) = DOUBTS["one_way"].about_fit(fit)
+
+    assert finding.code == "structure-reverses"
+    assert "`structure=first_order_coulomb`" in finding.sentence
+    assert "program" not in finding.sentence

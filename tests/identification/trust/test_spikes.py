@@ -10,7 +10,7 @@ import pytest
 from servobench.core.finding import Severity
 from servobench.identification.identify import identify
 from servobench.identification.result import Result
-from servobench.identification.trust.doubts.spikes import spikes
+from servobench.identification.trust.doubts.spikes import spike_pairs, spikes, spikes_of
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
@@ -46,6 +46,52 @@ def test_the_corner_of_a_step_from_rest_is_no_spike_in_a_short_record() -> None:
     y = 100.0 * -np.expm1(-np.maximum(np.arange(40) - 5, 0) / 3.0)
 
     assert spikes(y, 0.0).tolist() == []
+
+
+def spin_up(samples: int = 200) -> np.ndarray:
+    """A speed that is read in steps of 0.5: at rest, and from sample 100 on towards 30 with a time constant of 6 samples."""
+    return np.round(60.0 * -np.expm1(-np.maximum(np.arange(samples) - 100, 0) / 6.0)) / 2.0
+
+
+SWITCHED_ON = np.where(np.arange(200) < 100, 0.0, 12.0)
+
+
+@pytest.mark.parametrize("at", [101, 104, 150])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_two_values_in_a_row_far_off_are_a_spike_too(at: int, sense: float) -> None:
+    y = spin_up()
+    y[[at, at + 1]] = [43.0, 44.5]
+    data = dataset(seed=1, samples=200, sample_time=0.02, u=SWITCHED_ON, y=sense * y)
+
+    assert spike_pairs(sense * y, SWITCHED_ON, 0.0).tolist() == [at]
+    assert spikes_of(replace(data, kind="speed", quantum=None)).tolist() == [at, at + 1]
+
+
+def test_a_motor_that_follows_a_short_pulse_of_its_input_has_no_spike() -> None:
+    u, y = np.zeros(200), 0.1 * np.random.default_rng(1).standard_normal(200)
+    u[100:102], y[101:103] = 12.0, [28.0, 30.0]
+
+    assert spike_pairs(y, u, 0.0).tolist() == []
+    assert spike_pairs(y, np.zeros(200), 0.0).tolist() == [101]
+
+
+@pytest.mark.parametrize(
+    "y",
+    [
+        pytest.param(spin_up(), id="a step from rest"),
+        pytest.param(np.cumsum(spin_up()), id="its position"),
+        pytest.param(TRIANGLE, id="reversals"),
+        pytest.param(np.where(np.arange(200) < 100, 3.0, 5.0), id="a step that stays"),
+        pytest.param(
+            spin_up()
+            + 12.0 * np.exp(-np.maximum(np.arange(200) - 100, 0) / 8.0) * np.sin(np.arange(200) - 100),
+            id="a shaft that rings",
+        ),
+        pytest.param(np.random.default_rng(3).standard_normal(2000), id="noise"),
+    ],
+)
+def test_no_other_motion_has_a_pair(y: np.ndarray) -> None:
+    assert spike_pairs(y, np.zeros(len(y)), 0.0).tolist() == []
 
 
 @pytest.fixture(scope="module")

@@ -45,11 +45,13 @@ _ENDINGS = {
     "millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
     "ns": "ns", "nanos": "ns", "nanoseconds": "ns",
     "deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad", "counts": "counts", "rpm": "rpm",
-    "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "millivolts": "mV", "V": "V", "mV": "mV", "percent": "%",
+    "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "millivolts": "mV", "V": "V", "mV": "mV", "percent": "%", "%": "%",
     "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
     "rev_s": "rev/s", "rev_per_s": "rev/s", "counts_s": "counts/s", "counts_per_s": "counts/s", "m_per_s": "m/s",
 }  # fmt: skip
-_ENDING = re.compile(rf"(?:^|.*_)({'|'.join(sorted(_ENDINGS, key=len, reverse=True))})", re.IGNORECASE)
+_ENDING = re.compile(
+    rf"(?:^|.*_|.+\s(?=%))({'|'.join(sorted(_ENDINGS, key=len, reverse=True))})", re.IGNORECASE
+)
 # `current_A` is a current; `encoder_A` is the first of two tracks.
 _CURRENT = re.compile(r"(?:.*_)?(?i:current|curr|i|ia|im|iq)_(A|mA)")
 # `bus_voltage_v` is a voltage; `motor_v` may be a velocity, and `u_mv` a manipulated variable.
@@ -176,7 +178,7 @@ def bare_name(name: str) -> str:
         or _METRES.fullmatch(name)
         or _ENDING.fullmatch(name)
     )
-    return (name[: ending.start(1)] if ending else name.removesuffix("_s")).rstrip("_") or name
+    return (name[: ending.start(1)] if ending else name.removesuffix("_s")).rstrip("_ ") or name
 
 
 def distinct(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Finding, ...]]:

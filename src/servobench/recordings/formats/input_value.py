@@ -37,7 +37,9 @@ def with_input_value(recording: Recording, text: str) -> Recording:
     """
     match = _VALUE.fullmatch(text)
     if match is None or not _is_input_unit(match["unit"]):
-        raise UsageError(f"`input_value={text}`: expected a number with a unit, such as 50:% or 7:V")
+        raise UsageError(
+            f"`input_value={text}`: expected a number with a unit, such as 50:%, 7:V or 128:PWM/255"
+        )
     return _with_constant(recording, _number(match["number"]), match["unit"], "as stated")
 
 

@@ -94,6 +94,9 @@ _COMMON_UNITS = (
     "s", "ms", "us", "PWM/255",
 )  # fmt: skip
 
+_DUTY_WORDS = re.compile(
+    r"pwm|duty|duty[_ ]?cycle|pulse[_ ]?width|pwm[_ ]?counts?|counts?[_ ]pwm", re.IGNORECASE
+)
 _PULSE_WIDTH = re.compile(r"PWM\s*/\s*([0-9]+(?:\.[0-9]*)?)", re.IGNORECASE)
 
 
@@ -294,6 +297,11 @@ def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
     )
     if not colon or not known:
         return
+    if _DUTY_WORDS.fullmatch(tail.strip()):
+        raise UnitError(
+            f"`{spec.column}`: {tail!r} isn't a known unit; a duty is in %, or in PWM/N with the count N that is 100 %: say "
+            f"`{column}:%` or, with 8 bits, `{column}:PWM/255`"
+        )
     near = get_close_matches(tail, _COMMON_UNITS, n=3, cutoff=0.4)
     hint = f" (did you mean {' or '.join(near)}?)" if near else ""
     # rev/2048, counts/1024 and the like: an encoder's resolution, which has a place of its own.

@@ -69,6 +69,10 @@ LONGEST_LINE = 2**20
 _UNIT_SEPARATOR = "\x1f"  # of ASCII; stands between cells that had quotes
 
 
+class OneOrTwoColumns(FormatError):
+    """Rows of two whole numbers with a comma between them, which may be one number with a decimal comma."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Layout:
     """A table's notation: the separator (one of `SEPARATORS`, or another character) and the decimal mark.
@@ -439,9 +443,10 @@ def _sure_of_commas(content: Sequence[str], above: Sequence[str], layout: Layout
             return layout
         if named == 1 or any(map(_ZERO_AFTER_COMMA.search, content)):
             return Layout(separator=" ", decimal=",")
-        raise FormatError(
-            f"{name}: rows such as {content[0].strip()!r} may be two whole numbers or one with a decimal comma; "
-            "add a first row that names the columns, such as `u,y` or `y`"
+        raise OneOrTwoColumns(
+            f"{name}: rows such as {content[0].strip()!r} may be two whole numbers or one with a decimal comma; if there are two "
+            "columns, say what the second is by its number, such as `output=2:UNIT`; otherwise add a first row that names "
+            "the column"
         )
     if (
         layout.separator == ","

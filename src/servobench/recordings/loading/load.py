@@ -33,6 +33,16 @@ def load(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
     return load_with(path, read=_read)
 
 
+def load_two_columns(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
+    """Return the recordings in a text file whose rows, such as `7,25`, are two whole numbers, and not one with a decimal comma.
+
+    Raises what `load` does.
+    """
+    from servobench.recordings.formats.csv import Csv
+
+    return load_with(path, read=lambda _, file: Csv(separator=",", decimal=".").read(file))
+
+
 def _read(format: str, file: Path) -> tuple[Recording, ...]:
     in_child = FORMATS[format].by_library and sys.platform != "emscripten"  # a browser has no processes
     return the_reader().read(format, file) if in_child else read_here(format, file)

@@ -40,6 +40,8 @@ _LONG = 20  # samples under the last input, of which a quarter at least has to s
 _EVEN = 0.3  # of the speed: what an even one may vary by
 _SLOW = 0.1  # of the speed: so much is as good as rest, and as much less as good as none less
 _AT_REST = 3  # samples
+_SLOWED = 0.5  # of the speed: a motor that loses more of it under the same input is no longer driven by that
+_FALLS = 4  # samples at least, each slower than the one before, that show it
 _ROUNDING = 1e-9  # of the range
 _TURNS_WITHIN = (
     3.0  # quanta: a shaft that goes no farther before and after it turned round may have done so unseen
@@ -82,6 +84,8 @@ def _even_motion(data: Dataset) -> Finding:
 
 
 def _of(data: Dataset) -> list[Finding]:
+    if not np.ptp(data.u) > 0 and (finding := _slows_down(data)):
+        return [finding]
     if not np.ptp(np.append(data.u, data.input_before)) > 0 or len(data.y) < 20:
         return []
     quantum = data.quantum or lattice_step(data.y) or 0.0
@@ -287,6 +291,47 @@ def _runs_down(data: Dataset, quantum: float) -> list[Finding]:
     if even and rest >= _AT_REST and rest * data.sample_time * abs(usual) > _WOULD_GO * steps:
         return [_run_down(data, first + int(fast[-1]), len(data.y) - 1)]
     return []
+
+
+def _slows_down(data: Dataset) -> Finding | None:
+    """The finding on a motor that turned evenly under its one input, and slows down to less than half at the end of the record.
+
+    A ripple, or a pendulum, varies the speed all the time; a supply that weakens takes more than the last quarter for that.
+    """
+    speed = smooth_speed(data)
+    goal = data.input_unit in (data.position_unit, data.output_unit)
+    if goal or len(speed) < _LONG or data.u[-1] == 0:
+        return None
+    usual = float(np.median(speed[len(speed) // 4 : -len(speed) // 4]))
+    pace = speed * np.sign(usual)
+    fast = np.flatnonzero(pace > (1 - _SLOW) * abs(usual))
+    if not len(fast):
+        return None
+    first = int(fast[-1])
+    falls, turning = pace[first:], pace[len(pace) // 4 : first + 1]
+    even = 4 * first >= 3 * len(pace) and np.ptp(turning) <= _EVEN * abs(usual)
+    if not (even and len(falls) > _FALLS and (np.diff(falls) < 0).all() and falls[-1] < _SLOWED * abs(usual)):
+        return None
+    if not _pace_before_last(data, usual) < (1 - _SLOW) * abs(usual):
+        return None  # one false value at the end is no motion
+    unit = data.output_unit if data.kind == "speed" else f"{data.position_unit}/s"
+    before, after = (with_unit(each, unit, 2) for each in (usual, float(speed[-1])))
+    begins, level = data.in_seconds(data.t_output[first]), with_unit(float(data.u[-1]), data.input_unit, 3)
+    sentence = (
+        f"{data.name}: after {begins} the motor slows down from {before} to {after}, although the input stays at {level}: the "
+        f"driver was switched off, or something brakes the shaft. Use only the rows up to {begins}."
+    )
+    rows = data.row_span(first, len(data.y) - 1)
+    return warning("output-stops", sentence, parameters=("gain", "time_constant"), rows=rows)
+
+
+def _pace_before_last(data: Dataset, usual: float) -> float:
+    """The speed in the direction of the `usual` one that the record ends with if its last sample is left out."""
+    if data.kind == "speed":
+        return float(data.y[-2] * np.sign(usual))
+    earlier = len(data.y) - 2 - smoothing_span(data) // 2
+    way, time = data.y[-2] - data.y[earlier], data.t_output[-2] - data.t_output[earlier]
+    return float(way / time * np.sign(usual))
 
 
 def _run_down(data: Dataset, first: int, last: int) -> Finding:

@@ -13,6 +13,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.uncertainty.friction_near_rest import ExcessFriction
 
 _HARDLY = 0.05  # of the largest speed
+_RARE = 2.0  # % of the samples: a start speed that is gone within a sample or two may be any number, and is no turning
 
 
 def hardly_turns_back(fit: Fit) -> bool:
@@ -25,7 +26,8 @@ def hardly_turns_back(fit: Fit) -> bool:
         return False
     vectors = [np.concatenate([fit.model.theta, record.nuisance]) for record in fit.records]
     speed = np.concatenate([structure.speed(v, r.data) for v, r in zip(vectors, fit.records, strict=True)])
-    back, forth = sorted((float(-speed.min()), float(speed.max())))
+    slowest, fastest = np.percentile(speed, (_RARE, 100.0 - _RARE))
+    back, forth = sorted((float(-slowest), float(fastest)))
     return back < _HARDLY * forth
 
 
@@ -36,7 +38,7 @@ def _one_way(fit: Fit) -> list[Finding]:
     if turns_both_ways([record.data for record in fit.records]) and not hardly_turns_back(fit):
         sentence = (
             f"The structure {fit.structure} is for a motor that turns one way, but this one turns both ways: its friction "
-            "changes sign, that of the model doesn't. Use `structure=first_order_coulomb`, or leave the choice to the program."
+            "changes sign, that of the model doesn't. Use `structure=first_order_coulomb`, whose friction does."
         )
         return [
             warning("structure-reverses", sentence, parameters=("gain", "time_constant", "coulomb_voltage"))

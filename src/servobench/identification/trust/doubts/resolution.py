@@ -11,16 +11,19 @@ from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.identification.uncertainty.model_error import SOURCE
+from servobench.recordings.measurement.dataset import Dataset
 
 _FEWEST = 40.0  # steps in a time constant, or in the range of a speed
 # Fewer steps in a time constant than that and a rounding (a step / √12) is more than 5 % of the way: it is no small
 # perturbation of the model any more, which is what the model error in the intervals is worked out for.
 _BLIND = 1 / (0.05 * 12**0.5)
+_UNEVEN = 0.1  # of the median time step: what a clock that is read by a program may vary by anyway
+_ALIKE = 1e-3  # of a step: what is left of rounded decimals
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
     """Whether the sensor has few steps in what tells the time constant: the way gone in it, or the range of the speed."""
-    fewest, quantum, kind = np.inf, 0.0, "position"
+    fewest, quantum, kind, by_edges = np.inf, 0.0, "position", False
     for record in fit.records:
         data = record.data
         q = data.quantum or lattice_step(data.y)
@@ -37,7 +40,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
             low, high = np.percentile(data.y, (1, 99))
             steps = float(high - low) / q
         if steps < fewest:
-            fewest, quantum, kind = steps, q, data.kind
+            fewest, quantum, kind, by_edges = steps, q, data.kind, is_sampled_by_edges(data, q)
     if not fewest < _FEWEST:
         return []
     unit = fit.records[0].data.output_unit
@@ -47,12 +50,26 @@ def _about_fit(fit: Fit) -> list[Finding]:
     )
     by = "and the intervals allow for it" if allowed_for else "perhaps by more than their intervals"
     sentence = (
-        f"The sensor is coarse: its steps are {plain(quantum, 3)} {unit}, only {plain(fewest, 2)} of them {where}. "
+        f"Each row is one step of the sensor, {plain(quantum, 3)} {unit}, at a time of its own, so the times tell the motion, "
+        f"and how finely they are logged limits it. There are only {plain(fewest, 2)} steps {where}; a sensor with more of them, "
+        "or a longer record, narrows the time constant down."
+        if by_edges
+        else f"The sensor is coarse: its steps are {plain(quantum, 3)} {unit}, only {plain(fewest, 2)} of them {where}. "
         f"Its rounding isn't random and shifts the time constant and the friction, {by}; a finer "
         "sensor or a longer record reduces that."
     )
     say = info if allowed_for else warning
     return [say("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]
+
+
+def is_sampled_by_edges(data: Dataset, quantum: float) -> bool:
+    """Return whether a position has a row for each step of its sensor, a `quantum` [its unit], at times that are uneven.
+
+    A sensor that is read at even times steps by none or by several in some rows, unless the motor turns very evenly.
+    """
+    steps, times = np.abs(np.diff(data.y)), np.diff(data.t_output)
+    uneven = len(times) > 0 and np.ptp(times) > _UNEVEN * float(np.median(times))
+    return bool(data.kind == "position" and uneven and np.allclose(steps, quantum, rtol=_ALIKE, atol=0.0))
 
 
 def is_coarse(fit: Fit) -> bool:

@@ -21,6 +21,8 @@ _MOST_MOVED = 2.0  # standard deviations: what moves a parameter farther is outs
 _MOST_OF_RESIDUAL = 0.5  # of its square: beyond it the spikes are what limits the accuracy
 _SHORTEST = 20  # samples of a record in which one that lies off can be recognised
 _AROUND = 3  # departures that a single spike makes: its own and its neighbours'
+_AROUND_PAIR = 5  # departures that two in a row make, of two in a row: their own, and those up to two samples before and after
+_LATE = 2  # samples of delay of a motor behind its input, as it often has them
 _MOST = 0.02  # of the samples: more than that isn't a few spikes but noise
 
 
@@ -54,7 +56,9 @@ def spikes_of(data: Dataset) -> NDArray[np.int64]:
     """Return the indices (K,) of the spikes in a record's output; none where it wraps."""
     if any(finding.code == "angle-wraps" for finding in data.findings):
         return np.array([], dtype=np.int64)
-    return spikes(data.y, data.quantum or 0.0)
+    quantum = data.quantum or 0.0
+    single, pairs = spikes(data.y, quantum), spike_pairs(data.y, data.input_at_output, quantum)
+    return np.union1d(single, np.union1d(pairs, pairs + 1)) if len(pairs) else single
 
 
 def _finding(data: Dataset, which: NDArray[np.int64], allowed: bool) -> Finding:
@@ -86,11 +90,12 @@ def _share_of_sd(fit: Fit, moved: Array) -> float:
 
 
 def _heights(fit: Fit, which: Sequence[NDArray[np.int64]]) -> Array:
-    """The spikes alone, each as far as it is from the mean of its neighbours, in innovations (N,) of all records."""
+    """The spikes alone, each as far as it is from the line between its neighbours, in innovations (N,) of all records."""
     parts = []
     for record, indices in zip(fit.records, which, strict=True):
         y, spike = record.data.y, np.zeros((len(record.data.y), 1))
-        spike[indices, 0] = y[indices] - 0.5 * (y[indices + 1] + y[indices - 1])
+        others = np.setdiff1d(np.arange(len(y)), indices)
+        spike[indices, 0] = y[indices] - np.interp(indices, others, y[others])
         parts.append(in_innovations(fit, record, spike)[:, 0])
     return np.concatenate(parts)
 
@@ -112,14 +117,46 @@ def spikes(y: Array, quantum: float) -> NDArray[np.int64]:
     return indices if len(indices) <= max(_MOST * len(y), 1) and limit > 0 else np.array([], dtype=np.int64)
 
 
-def _goes_on(y: Array, k: int) -> bool:
-    """Whether the values around sample k go on as if it weren't there: at a reversal they don't."""
-    if not 2 <= k < len(y) - 2:
+def spike_pairs(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
+    """Return the indices (K,) of the first of two values in a row of y (N,) that lie far off both neighbours, as a spike does.
+
+    The nearer of the two is compared, by its departure from the line between the neighbours, as a single one is. `u` (N,) is the
+    input at the same samples: where that changes and changes again, a motor that is quicker than the samples may follow it.
+    """
+    if len(y) < _SHORTEST:
+        return np.array([], dtype=np.int64)
+    before, first, second, after = y[:-3], y[1:-2], y[2:-1], y[3:]
+    across = (after - before) / 3.0
+    departures = np.minimum(np.abs(first - before - across), np.abs(after - second - across))
+    usual = np.sort(departures)[: -max(_AROUND_PAIR, round(_MOST * len(departures)))]
+    limit = _LARGE * max(float(usual[-1]), 0.5 * quantum)
+    highest, lowest = np.maximum(before, after), np.minimum(before, after)
+    beyond = (np.minimum(first, second) > highest) | (np.maximum(first, second) < lowest)
+    indices = np.flatnonzero((departures > limit) & beyond) + 1
+    indices = np.array(
+        [k for k in indices.tolist() if _goes_on(y, k, 2) and _is_undriven(u, k)], dtype=np.int64
+    )
+    return indices if len(indices) <= max(_MOST * len(y), 1) and limit > 0 else np.array([], dtype=np.int64)
+
+
+def _is_undriven(u: Array, k: int) -> bool:
+    """Whether the input changes only once, or not at all, around samples k and k + 1: there and back takes two changes."""
+    return bool(np.count_nonzero(np.diff(u[max(k - 1 - _LATE, 0) : k + 3])) < 2)
+
+
+def _goes_on(y: Array, k: int, width: int = 1) -> bool:
+    """Whether the values around a number of samples, `width` from sample k on, go on as if they weren't there.
+
+    At a reversal they don't.
+    """
+    last = k + width - 1
+    if not (k >= 2 and last < len(y) - 2):
         return False
-    across = 0.5 * (y[k + 1] - y[k - 1])
-    size = abs(y[k] - 0.5 * (y[k + 1] + y[k - 1]))
+    across = (y[last + 1] - y[k - 1]) / (width + 1)
+    size = min(abs(y[k] - y[k - 1] - across), abs(y[last + 1] - y[last] - across))
     return bool(
-        abs(y[k - 1] - y[k - 2] - across) < 0.5 * size and abs(y[k + 2] - y[k + 1] - across) < 0.5 * size
+        abs(y[k - 1] - y[k - 2] - across) < 0.5 * size
+        and abs(y[last + 2] - y[last + 1] - across) < 0.5 * size
     )
 
 

@@ -1,0 +1,61 @@
+"""A coarse sensor is said to be one, and rows at the sensor's own steps to be that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.identification.trust.doubts.resolution import is_sampled_by_edges
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import dataset
+
+STEP = 2 * np.pi / 20
+GAIN, TAU, LEVEL = 20.0, 0.1, 3.0
+
+
+def of_edges() -> Dataset:
+    """The times [s], in whole milliseconds, at which a motor under 3 V passes each of the 20 slots of a disc."""
+    fine = np.arange(0.0, 2.0, 1e-5)
+    angle = GAIN * LEVEL * (fine - TAU * -np.expm1(-fine / TAU))
+    edges = STEP * np.arange(1, int(angle[-1] / STEP))
+    t = np.round(np.interp(edges, angle, fine), 3)
+    like = dataset(seed=1, samples=len(t), u=np.full(len(t), LEVEL), y=edges)
+    return replace(like, t_input=t, t_output=t, quantum=STEP, input_before=0.0)
+
+
+def read_evenly() -> Dataset:
+    """The same disc, read every 20 ms."""
+    t = 0.02 * np.arange(100)
+    angle = GAIN * LEVEL * (t - TAU * -np.expm1(-t / TAU))
+    like = dataset(
+        seed=1, samples=100, sample_time=0.02, u=np.full(100, LEVEL), y=(np.floor(angle / STEP) + 0.5) * STEP
+    )
+    return replace(like, quantum=STEP)
+
+
+def fitted(data: Dataset) -> Fit:
+    return ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+
+
+@pytest.mark.parametrize(
+    ("data", "beginning"),
+    [(of_edges(), "Each row is one step of the sensor"), (read_evenly(), "The sensor is coarse")],
+)
+def test_rows_at_the_steps_of_a_sensor_are_told_from_a_coarse_one(data: Dataset, beginning: str) -> None:
+    (finding,) = DOUBTS["resolution"].about_fit(fitted(data))
+
+    assert finding.code == "resolution-coarse"
+    assert finding.sentence.startswith(beginning)
+
+
+def test_a_step_in_each_row_at_even_times_is_an_even_motion() -> None:
+    data = of_edges()
+    t = 0.005 * np.arange(len(data.y))
+
+    assert is_sampled_by_edges(data, STEP)
+    assert not is_sampled_by_edges(replace(data, t_input=t, t_output=t), STEP)
