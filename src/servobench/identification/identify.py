@@ -82,12 +82,15 @@ from servobench.recordings.reading import ReadingOptions, evidence_in, further_e
 from servobench.recordings.recording import Recording
 from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 
-# What follows from another finding, which says more.
+# What follows from another finding, which says more. Speeds that settle by the levels of the input are no chance, either.
+_BENT = ("structure-wrong", "fit-by-chance", "fit-poor", "offset-negative", "output-limited")
 _CONSEQUENCES = {
-    "kind-mistaken": "nothing-known",
-    "motion-stopped": "output-stops",
-    "output-stops": "delay-negative",
-    "gain-falls": "speed-levels-off",
+    "kind-mistaken": ("nothing-known",),
+    "motion-stopped": ("output-stops",),
+    "output-stops": ("delay-negative",),
+    "gain-falls": ("speed-levels-off", *_BENT),
+    "speed-levels-off": _BENT,
+    "shaft-runs-back": ("structure-wrong", "structure-reverses", "fit-poor"),
 }
 
 
@@ -419,7 +422,9 @@ def _operating_range(records: Sequence[Dataset]) -> OperatingRange:
 def _without_consequences(findings: Sequence[Finding]) -> list[Finding]:
     """The findings without those that follow from another one, which says more."""
     codes = {finding.code for finding in findings}
-    implied = {consequence for cause, consequence in _CONSEQUENCES.items() if cause in codes}
+    implied = {
+        each for cause, consequences in _CONSEQUENCES.items() if cause in codes for each in consequences
+    }
     return [finding for finding in findings if finding.code not in implied]
 
 

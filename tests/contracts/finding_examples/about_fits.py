@@ -28,6 +28,7 @@ from tests.contracts.finding_examples.base import (
     fitted,
     sound,
     sound_fit,
+    sprung,
     staircase,
     told,
     with_sd,
@@ -170,6 +171,12 @@ def _limited_to(limit: float) -> Fit:
     return fitted(told(staircase(), np.clip(staircase(), -limit, limit)))
 
 
+@cache
+def _on_a_spring(rate: float) -> Fit:
+    """A motor that 3 V moves against a spring of `rate` V for a radian."""
+    return fitted(sprung(rate), "first_order")
+
+
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
     _example("fit-by-chance", _of_another_motor),
@@ -182,6 +189,7 @@ EXAMPLES = (
     _example("input-too-slow", lambda: _ramp(1), lambda: _ramp(10)),
     _example("kind-mistaken", _as_speed),
     _example("output-spikes", _with_spikes),
+    _example("shaft-runs-back", lambda: _on_a_spring(0.5), lambda: _on_a_spring(0.0)),
     _example("speed-levels-off", lambda: _limited_to(1.4), lambda: _limited_to(3.0)),
     _example("structure-reverses", _one_way_that_reverses),
     Example(

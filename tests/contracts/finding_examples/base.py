@@ -13,7 +13,7 @@ from servobench.core.finding import Finding
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.dataset import Dataset
-from tests.datasets import dataset
+from tests.datasets import QUANTUM, dataset
 
 TIME = 0.002 * np.arange(5000)
 
@@ -41,6 +41,22 @@ def driven(u: NDArray[np.float64]) -> Dataset:
 def told(said: NDArray[np.float64], applied: NDArray[np.float64]) -> Dataset:
     """The motor driven by one voltage (N,), in whose file stands another."""
     return replace(driven(applied), u=said)
+
+
+def sprung(rate: float) -> Dataset:
+    """A motor of 20 rad/(s·V) and 0.1 s at rest for half a second, at 3 V and at 0 V for 0.2 and 0.8 s, on a spring [V/rad]."""
+    u = np.repeat([0.0, 3.0, 0.0], [250, 100, 400])
+    angle, state = np.zeros(len(u)), np.zeros(2)
+    step = 2e-5
+    for k in range(1, len(u)):
+        for _ in range(
+            100
+        ):  # Euler's steps of a hundredth of a sample: their error is far below a count's effect here
+            state = state + step * np.array(
+                [state[1], (20.0 * (u[k - 1] - rate * state[0]) - state[1]) / 0.1]
+            )
+        angle[k] = state[0]
+    return dataset(seed=1, samples=len(u), u=u, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM)
 
 
 def staircase() -> NDArray[np.float64]:

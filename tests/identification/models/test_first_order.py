@@ -219,6 +219,20 @@ def test_a_chain_that_does_nothing_changes_no_guess(name: str, kind: Literal["sq
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("name", ["first_order_coulomb", "first_order_one_way_rest"])
+def test_a_motor_with_its_wires_the_other_way_has_the_same_guesses_but_for_signs(name: str) -> None:
+    """Friction brakes it all the same. Where it starts and how fast has the other sign, as the gain has."""
+    data = dataset(seed=1, kind="prbs", samples=3000)
+    structure = STRUCTURES[name]
+    signs = np.ones(len(structure.parameters) + 2)
+    signs[[0, -2, -1]] = -1.0
+
+    own, turned = (structure.guesses([each]) for each in (data, replace(data, y=-data.y)))
+
+    assert len(own) == len(turned)
+    np.testing.assert_allclose(np.array(turned), signs * np.array(own), rtol=1e-9, atol=1e-12)
+
+
 def test_the_samples_for_a_guess_fall_in_with_no_period_of_the_input() -> None:
     """A sine with as many periods as there are samples in use: evenly spaced ones would all see the same phase."""
     t = np.arange(24_000) * 0.0005

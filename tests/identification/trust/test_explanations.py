@@ -175,7 +175,7 @@ def test_a_limit_that_no_input_came_near_is_not_said_to_have_been_seen() -> None
     (cause,) = explain([replace(_ideal(np.clip(u, -6.0, 6.0), 0.002), u=u)])
 
     assert cause.code == "gain-falls"
-    assert "Inputs from 12 V on act like about 6 V:" in cause.sentence
+    assert "Inputs of 12 V act like about 6 V:" in cause.sentence
 
 
 def test_a_limit_in_a_record_of_eighty_samples_is_explained() -> None:

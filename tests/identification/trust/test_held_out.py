@@ -188,3 +188,22 @@ def test_a_record_is_simulated_with_the_parameters_of_another_motor_though_its_o
 
     expected = structure.predict(np.concatenate([theta, simulated.nuisance]), record).y
     np.testing.assert_array_equal(simulated.prediction, expected)
+
+
+def test_a_level_at_which_the_shaft_stands_is_no_part_to_predict() -> None:
+    """Its noise is all that there is to explain; the levels at which it turns say whether the model is right."""
+    u = np.repeat([0.0, 0.5, 2.0, 3.0, 4.0, 2.0, 4.0, 3.0], 300)  # V, of which friction takes 0.8
+    data = dataset(seed=1, samples=len(u), u=u, truth=Truth(coulomb_torque=4e-3))
+    creep = np.interp(np.arange(len(u)), [300, 600], [0, 30])  # counts, which no model of friction has
+    data = replace(data, y=data.y + QUANTUM * np.round(creep))
+    names = {
+        part.name: float(np.ptp(np.concatenate([each.y for each in part.held])))
+        for part in cuts_for_validation([data])[1]
+    }
+    result = identify(data)
+
+    still = [name for name, way in names.items() if way < 0.02 * np.ptp(data.y)]
+    assert still
+    assert result.validation is not None
+    assert not {record.name for record in result.validation.records} & set(still)
+    assert result.validation.fit_percent > 99.0

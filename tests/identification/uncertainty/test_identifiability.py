@@ -18,6 +18,7 @@ from servobench.identification.uncertainty.status_findings import about_answers
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 from tests.identification.test_one_level import stepped
+from tests.rig.motor.reference import Truth
 
 
 def fitted() -> Fit:
@@ -128,6 +129,28 @@ def test_records_of_one_level_and_one_speed_each_tell_the_gain() -> None:
     assert result.answers["gain"].state is State.KNOWN
     assert result.answers["time_constant"].state is State.UNKNOWN
     assert "fit-poor" not in {finding.code for finding in result.findings}
+
+
+def test_a_reversal_between_two_samples_tells_the_speed_at_full_voltage_and_how_long_the_lag_is_at_most() -> (
+    None
+):
+    """From full forward to full backward, with a time constant below a sample time: friction may be anything up to the input."""
+    u = np.repeat([3.0, -3.0], 40)
+    truth = Truth()
+    power = truth.resistance * truth.viscous_friction + truth.motor_constant**2
+    gain, tau = truth.motor_constant / power, truth.resistance * truth.inertia / power
+    friction = truth.resistance * truth.coulomb_torque / truth.motor_constant
+    data = dataset(seed=1, samples=80, sample_time=3.1 * tau, u=u)
+    result = identify(data.part(10 * data.sample_time, 70 * data.sample_time))
+
+    assert result.verdict is Verdict.TRUSTED
+    (speed,) = [each for each in result.combinations if each.name == "speed_at_level"]
+    low, high = speed.estimate.interval
+    assert low < np.sign(speed.input_level) * gain * (3.0 - friction) < high
+    assert set(speed.parameters) == {"gain", "coulomb_voltage", "offset_voltage"}
+    assert result.answers["gain"].state is State.COMBINATION
+    assert result.answers["time_constant"].state is State.BOUNDED
+    assert result["time_constant"].interval[1] > tau
 
 
 def test_records_of_one_speed_each_that_no_gain_explains_are_told_what_is_missing() -> None:

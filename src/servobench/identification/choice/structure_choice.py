@@ -35,6 +35,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
+from servobench.identification.models.level import single_level
 from servobench.identification.models.motion import stands, turns_both_ways
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
@@ -247,7 +248,9 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     as_good = with_rest.residual_sd <= _AS_GOOD * one_way.residual_sd or is_rounding(with_rest)
     drifts = not (is_usual(with_rest) and as_good)
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
-    worth = worth or (any(record.starts_at_rest for record in data) and _drives(one_way))
+    driven = any(record.starts_at_rest for record in data) and _drives(one_way)
+    # Speeds under several levels may show that a constant does drive it, whatever that is: `speed-levels-off` says so then.
+    worth = worth or (driven and (single_level(data) is not None or not clearly_better(one_way, with_rest)))
     worth = worth or (begins and _turns_back_what_stands(one_way))
     # A search that hasn't settled and yet is far ahead went on along a valley; the model without rest would only look settled.
     if not worth or not (with_rest.converged or clearly_better(with_rest, one_way)):

@@ -215,6 +215,8 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     )
     rare = abs(value - prior.middle) > _RARE * prior.scale
     check = " Check that the input is logged when it acts." if rare else ""
+    if value < 0 and not usual:
+        check = " No motor moves before its input does: the model lacks something, or the columns are out of step."
     return (warning if rare else info)(
         CODE,
         f"These data can't separate the delay from friction and the time constant. The delay is assumed to be "

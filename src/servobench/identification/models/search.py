@@ -400,13 +400,13 @@ def _trials(structure: Separable, records: Sequence[_Record], points: Array) -> 
 
 def _vector(structure: Separable, records: Sequence[_Record], trial: _Trial, least: float) -> Array:
     """The whole parameter vector that a trial stands for, with a delay of `least` [s] or more."""
-
     gain = float(trial.linear[0])
     values = {"gain": gain, "time_constant": trial.tau, "delay": max(trial.delay, least)}
     column = 1
     for parameter in (OFFSET, ONE_WAY, COULOMB):
         if parameter in structure.parameters:
-            value = float(trial.linear[column]) / gain
+            # Friction brakes, whichever way the wires are: of a negative gain it takes what a positive one does.
+            value = float(trial.linear[column]) / (abs(gain) if parameter is COULOMB else gain)
             values[parameter.name] = float(np.clip(value, parameter.lower, parameter.upper))
             column += 1
     own = trial.linear[column:].reshape(len(records), -1)

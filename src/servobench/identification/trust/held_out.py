@@ -37,6 +37,7 @@ _PREDICTS = (
     80.0  # % of what it wasn't fitted to: a model that predicts more of its own recording is no wrong one
 )
 _WORST = 0.5  # % of the output unexplained, below which a difference doesn't matter
+_STILL = 0.02  # of the variation of all data: a part that neither moves nor is missed by more is no test
 # Times the misfit that the rest of the data foretell. A right model behind an ideal encoder reached 1.03 in 50 records, and
 # 4.2 in 12 under a white torque, which lets the position wander.
 _BEYOND = 8.0
@@ -58,8 +59,9 @@ def cross_validate(estimator: Estimator, data: Sequence[Dataset], fit: Fit) -> V
 
     Of several records each is left out in turn (8 of them at the most, spread evenly). Of one record it is each level of the
     input where there are at least three; otherwise each of three stretches that begin with a change of the input. A part
-    without a transient isn't used, nor one of which the rest of the data says nothing. Where the fit has a random torque, the
-    rest is fitted under that torque's noise (decision 0071). Of what is left out only the start states are fitted.
+    without a transient isn't used, nor one in which the shaft rightly stands, nor one of which the rest of the data says nothing.
+    Where the fit has a random torque, the rest is fitted under that torque's noise (decision 0071). Of what is left out only
+    the start states are fitted.
     """
     how, parts = cuts_for_validation(data)
     held = []
@@ -194,7 +196,9 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
     except NotIdentifiable:
         return None
     foretold = _foretold(held, other)
-    if not foretold < _UNTOLD * _variation(held):
+    moved = _variation(held)
+    missed = float(np.sqrt(np.mean(np.concatenate([record.residual[record.valid] for record in held]) ** 2)))
+    if not foretold < _UNTOLD * moved or max(moved, missed) < _STILL * _variation(fit.records):
         return None
     return held, _record_fit(part.name, held, other, foretold)
 

@@ -25,7 +25,8 @@ _BETTER = 3.0  # times: a combination known so much better is what the record te
 _ROUGH = 0.2  # of the value: a parameter known better than that is stated by itself all the same
 _FAR = 10.0  # times the value
 _SMALL = 0.05  # of the largest input, or of the lag: what is known to lie below that is known
-_FRICTION = ("coulomb_voltage", "coulomb_voltage_forward", "coulomb_voltage_backward", "offset_voltage")
+_BY_DIRECTION = ("coulomb_voltage_forward", "coulomb_voltage_backward")
+_FRICTION = ("coulomb_voltage", *_BY_DIRECTION, "offset_voltage")
 _GRAVITY = ("gravity_voltage_sine", "gravity_voltage_cosine")
 
 
@@ -186,20 +187,21 @@ def _lag(fit: Fit) -> Combination | None:
 
 def _drive(fit: Fit) -> Combination | None:
     """The speed that the level leads to which the motor moved under."""
-    lost = [name for name in _FRICTION if name in fit.model.names]
-    if "gain" not in fit.model.names or len(lost) != 1:
+    lost = tuple(name for name in _FRICTION if name in fit.model.names)
+    by_direction = any(name in lost for name in _BY_DIRECTION)
+    if "gain" not in fit.model.names or not lost or by_direction:
         return None
     data = fit.records[0].data
     level = drive_level(fit)
+    senses = {name: 1.0 if name == "offset_voltage" else sense_of_friction(fit, level) for name in lost}
 
     def speed(value: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-        left = level - value[lost[0]] * sense
-        return value["gain"] * left, {"gain": left, lost[0]: -value["gain"] * sense}
+        left = level - sum(sense * value[name] for name, sense in senses.items())
+        return value["gain"] * left, {"gain": left, **{n: -value["gain"] * s for n, s in senses.items()}}
 
-    sense = sense_of_friction(fit, level)
     meaning = f"speed at {_level_in_words(level, data.input_unit)}"
     unit = f"{data.position_unit}/s"
-    combination = _combine(fit, "speed_at_level", meaning, ("gain", lost[0]), unit, speed)
+    combination = _combine(fit, "speed_at_level", meaning, ("gain", *lost), unit, speed)
     return replace(combination, input_level=level, input_unit=data.input_unit)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from servobench.core.finding import Finding, info, list_text, refusal
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import rounded_interval, with_unit
+from servobench.core.rounding import rounded_interval, share_explained, with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import steady_speed
 from servobench.identification.models.steady import speeds_by_level
@@ -72,8 +72,8 @@ def _nothing(principal: Sequence[ParameterStatus], fit: Fit) -> Finding:
         )
     else:
         advice = (
-            "the output doesn't respond to the input. Check that these two columns belong to one motor, or record a larger "
-            "input"
+            f"this model explains {share_explained(fit.fit_percent)} of the output. Check that these two columns belong to one "
+            "motor and that nothing else moves or holds the shaft, or record a larger input"
         )
     sentence = (
         f"The data determine neither the {names} nor any combination of them: {advice}.{_speeds_text(fit)}"

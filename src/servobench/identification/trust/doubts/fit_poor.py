@@ -2,24 +2,45 @@
 
 from __future__ import annotations
 
-from servobench.core.finding import Finding, warning
-from servobench.core.rounding import share_explained
+import numpy as np
+
+from servobench.core.finding import Finding, info, warning
+from servobench.core.rounding import share_explained, with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import steady_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
+_LITTLE = 50.0  # percent of the output
+_BY_CHANCE = 3.0  # standard deviations of the correlation of neighbours in white noise
+_PLAIN = 10.0  # Fisher's F of what the model explains: noise has 1
+
 
 def _poor(fit: Fit) -> list[Finding]:
     # Of a motor that turns at one speed in each record, noise is all that is left to explain beside the mean.
-    if fit.fit_percent >= 50 or all(steady_speed(record.data) is not None for record in fit.records):
+    if fit.fit_percent >= _LITTLE or all(steady_speed(record.data) is not None for record in fit.records):
         return []
-    return [
-        warning(
-            "fit-poor",
-            f"The simulation explains {share_explained(fit.fit_percent)} of the output: the model or the "
-            "columns are wrong.",
+    explained = f"The simulation explains {share_explained(fit.fit_percent)} of the output"
+    if _leaves_noise(fit):
+        data = fit.records[0].data
+        size = with_unit(fit.residual_sd, data.output_unit, 2)
+        sentence = (
+            f"{explained}. The rest ({size}) changes from one sample to the next as no motor does, and comes from the sensor: "
+            "record with a finer one, or the same step several times."
         )
-    ]
+        return [info("fit-poor", sentence)]
+    return [warning("fit-poor", f"{explained}: the model or the columns are wrong.")]
+
+
+def _leaves_noise(fit: Fit) -> bool:
+    """Whether neighbours in what is left have nothing in common, and more is explained than chance explains of noise."""
+    residuals = [record.residual[record.valid] for record in fit.records]
+    for residual in residuals:
+        rest = residual - residual.mean()
+        if abs(float(rest[1:] @ rest[:-1])) > _BY_CHANCE * float(rest @ rest) / np.sqrt(len(rest)):
+            return False
+    samples, unknown = sum(map(len, residuals)), len(fit.vector)
+    left = (1.0 - fit.fit_percent / 100.0) ** 2
+    return fit.fit_percent > 0 and (1.0 - left) * (samples - unknown) > _PLAIN * left * unknown
 
 
 DOUBTS.member("fit_poor")(Doubt(codes=("fit-poor",), about_fit=_poor))

@@ -32,8 +32,8 @@ def _consequence(records: Sequence[Dataset], level: float) -> str:
     """What an input that never changes leaves open, and what to do."""
     if level == 0.0 and any(np.ptp(record.y) > 0 for record in records):
         return (
-            "which doesn't show what it does; record steps between at least two levels. If the motor was coasting here, both "
-            "recordings can be fitted jointly; if something else drove it, this is the wrong column"
+            "which doesn't show what it does; record steps between at least two levels. If the motor was coasting here, give "
+            "this together with a recording in which it is driven; if something else drove it, this is the wrong column"
         )
     separable = "so gain and friction can't be separated; record steps between at least two levels"
     return f"{_at_speed(records)}{separable}{_RESTED if level else ''}"

@@ -4,54 +4,81 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from servobench.core.finding import Finding, warning
+from servobench.core.finding import Finding, list_text, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.steady import SteadySpeed, steady_speeds
+from servobench.identification.models.steady import speeds_by_level
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 _APART = 1.3  # times a level has to be the lowest one, to say how the speed grows
 _MUCH = 0.25  # of the highest level: a straight line through the speeds that drives without any input by more isn't friction
-_ONE_WAY = ("first_order_one_way", "first_order_one_way_rest")  # whose Coulomb voltage says so itself
+_MOVES = 0.05  # of the largest speed: below it the shaft stands, or friction holds it
+_BENT = 0.1  # of the rise of the speed: what a middle level is above the straight line, twice what a settled speed may change by
+_FALLS = (
+    0.5  # of the slope below: a quadratic drag that takes as much as all else at the highest level leaves 0.6
+)
+_EXPLAINED = 90.0  # percent of the output: a model that explains so much has what bends the characteristic, or it is small
 
 
 def _about(fit: Fit) -> list[Finding]:
-    names = fit.model.names
-    if "gain" not in names or fit.structure in _ONE_WAY:
+    if "gain" not in fit.model.names:
         return []
-    settled = [each for record in fit.records for each in steady_speeds(record.data)]
-    offset = float(fit.model["offset_voltage"]) if "offset_voltage" in names else 0.0
+    speeds = speeds_by_level([record.data for record in fit.records])
+    offset = float(fit.model["offset_voltage"]) if "offset_voltage" in fit.model.names else 0.0
     for sense in (1.0, -1.0):
-        levels = [each for each in settled if each.level * sense > 0.0]
+        levels = _in_one_sense(speeds, sense)
         if len(levels) > 1 and _drives_without_input(levels, sense * offset):
-            return [_finding(fit, levels)]
+            return [_finding(fit, (levels[0], levels[-1]), sense)]
+        bend = _bend(levels) if fit.fit_percent < _EXPLAINED else None
+        if bend is not None:
+            return [_finding(fit, (levels[0], bend, levels[-1]), sense)]
     return []
 
 
-def _drives_without_input(levels: Sequence[SteadySpeed], offset: float) -> bool:
+def _in_one_sense(speeds: dict[float, float], sense: float) -> list[tuple[float, float]]:
+    """The levels of an input of that sign at which the shaft turns, ascending, and the speeds there; both without the sign."""
+    each = sorted((sense * level, sense * speed) for level, speed in speeds.items() if sense * level > 0.0)
+    largest = max((abs(speed) for _, speed in each), default=0.0)
+    turning = [point for point in each if abs(point[1]) > _MOVES * largest]
+    same_way = {point[1] > 0.0 for point in turning}
+    return [(level, abs(speed)) for level, speed in turning] if len(same_way) == 1 else []
+
+
+def _drives_without_input(levels: Sequence[tuple[float, float]], offset: float) -> bool:
     """Whether the line through the speeds at the lowest and the highest level lies far above zero where the input is zero.
 
     `offset` is what of the input is lost in this sense and regained in the other, in the unit of the input.
     """
-    low, high = _ends(levels)
-    if abs(high.level) < _APART * abs(low.level) or high.speed == low.speed:
+    (low, slow), (high, fast) = levels[0], levels[-1]
+    if high < _APART * low or fast == slow:
         return False
-    lost = abs(low.level) - low.speed / (high.speed - low.speed) * (abs(high.level) - abs(low.level))
-    return lost - offset < -_MUCH * abs(high.level) and high.speed * low.speed > 0.0
+    lost = low - slow / (fast - slow) * (high - low)
+    return lost - offset < -_MUCH * high
 
 
-def _ends(levels: Sequence[SteadySpeed]) -> tuple[SteadySpeed, SteadySpeed]:
-    return min(levels, key=lambda each: abs(each.level)), max(levels, key=lambda each: abs(each.level))
+def _bend(levels: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    """The level between the lowest and the highest beyond which the speed grows by far less than below; None where none is so."""
+    if len(levels) < 3 or levels[-1][0] < _APART * levels[0][0]:
+        return None
+    (low, slow), (high, fast) = levels[0], levels[-1]
+    slope = (fast - slow) / (high - low)
+    level, speed = max(levels[1:-1], key=lambda each: each[1] - slope * each[0])
+    above = speed - slow - slope * (level - low)
+    if not (fast > slow and above > _BENT * (fast - slow)):
+        return None
+    falls = (fast - speed) / (high - level) < _FALLS * (speed - slow) / (level - low)
+    return (level, speed) if falls else None
 
 
-def _finding(fit: Fit, levels: Sequence[SteadySpeed]) -> Finding:
+def _finding(fit: Fit, points: Sequence[tuple[float, float]], sense: float) -> Finding:
     data = fit.records[0].data
-    slow, fast = (
-        f"{with_unit(each.speed, f'{data.position_unit}/s', 3)} at {with_unit(each.level, data.input_unit, 3)}"
-        for each in _ends(levels)
-    )
+    unit = f"{data.position_unit}/s"
+    texts = [
+        f"at {with_unit(speed, unit, 3)} at {with_unit(sense * level, data.input_unit, 3)}"
+        for level, speed in points
+    ]
     sentence = (
-        f"The speed grows by less than the input: the motor settles at {slow} and at {fast}. Friction would do the opposite. "
+        f"The speed grows by less than the input: the motor settles {list_text(texts)}. Friction would do the opposite. "
         "The driver or the load bends the characteristic, and a single gain is a mean over these levels: record the voltage at "
         "the motor, or identify each range of the input by itself."
     )

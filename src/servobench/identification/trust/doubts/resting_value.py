@@ -38,7 +38,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
     sentence = (
         f"The input stays between {plain(low, 3)} and {with_unit(high, unit)}, but the shaft turns both ways and rests at "
         f"{with_unit(rest, unit)}. If 0 to 255 is from -supply to +supply, the gain is too large by a factor of two: write "
-        "(value - 127.5)/127.5 into the file, or the like for another range, and say `input=COL:1`."
+        "(value - 127.5)/127.5 into the file, or the like for another range, and say `input=COL:1`. If another column has the "
+        "direction, say `input=COL*SIGN:UNIT`."
     )
     return [warning("input-rests-off-zero", sentence, parameters=("gain", "offset_voltage"))]
 

@@ -63,7 +63,7 @@ def _sentence(case: Case, limit: float, slope: float) -> str:
         acts = (
             f"{where} have no further effect"
             if least < _NEAR * limit
-            else f"Inputs from {plain(least, 3)} {unit} on act like about {plain(limit, 2)} {unit}"
+            else f"Inputs of {plain(least, 3)} {unit}{_and_more(case, least)} act like about {plain(limit, 2)} {unit}"
         )
         return (
             f"{acts}: the amplifier, the supply or the controller limits the voltage. Record the "
@@ -73,6 +73,11 @@ def _sentence(case: Case, limit: float, slope: float) -> str:
         f"{where} act only {plain(100 * slope, 1)} % as much as those below: the amplifier, the supply or the motor's load "
         "bends the characteristic. Record the voltage that was applied, or identify each range of the input by itself."
     )
+
+
+def _and_more(case: Case, least: float) -> str:
+    """The words for larger inputs than that, empty where there are none."""
+    return " and more" if any(float(np.abs(each.u).max()) > least for each in case.motions) else ""
 
 
 def _least_beyond(case: Case, limit: float) -> float:

@@ -30,7 +30,7 @@ def _missing_sign(case: Case) -> CauseFit | None:
             "input-unsigned",
             "The shaft turns both ways, but the input never changes its sign, and a motor explains the data if it gets the "
             "sign of the motion: the input was recorded without its direction (a pin, another column, the sign of the error). "
-            "Record the input with its sign.",
+            "Name the column that has it as `input=COL*SIGN:UNIT`, or record the input with its sign.",
             parameters=("gain",),
         ),
         misfit=case.with_input(_with_sign).misfit,

@@ -1,0 +1,46 @@
+"""A simulation that explains little of a noisy sensor isn't wrong for that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.finding import Finding, Severity
+from servobench.identification.trust.doubts.base import about_fit
+from servobench.recordings.measurement.dataset import Dataset
+from tests.contracts.finding_examples.base import fitted
+from tests.datasets import dataset
+
+STEP = np.where(np.arange(600) < 100, 0.0, 2.0)  # V
+
+
+def step(noise: NDArray[np.float64]) -> Dataset:
+    """A speed after a step [rad/s] and what a sensor adds to it (600,)."""
+    clean = dataset(seed=1, samples=600, sample_time=0.005, u=STEP, chain="derivative")
+    size = float(clean.y.std()) * noise / noise.std()
+    return replace(clean, y=clean.y + 1.3 * size, applied=clean.applied)
+
+
+def poor(data: Dataset) -> Finding:
+    (finding,) = [each for each in about_fit(fitted(data, "first_order_one_way")) if each.code == "fit-poor"]
+    return finding
+
+
+def test_noise_of_a_sensor_is_named_and_what_goes_on_from_sample_to_sample_is_doubted() -> None:
+    """Both leave 60 % of the output and more."""
+    random = np.random.default_rng(2).standard_normal(600)
+
+    white, slow = poor(step(random)), poor(step(np.convolve(random, np.ones(60), "same")))
+
+    assert white.severity is Severity.INFO
+    assert "changes from one sample to the next as no motor does" in white.sentence
+    assert slow.severity is Severity.WARNING
+
+
+def test_noise_alone_is_no_motor() -> None:
+    """An output that has nothing to do with the input is noise as well."""
+    alone = replace(step(np.ones(600) + np.arange(600)), y=np.random.default_rng(3).standard_normal(600))
+
+    assert poor(alone).severity is Severity.WARNING

@@ -1,0 +1,73 @@
+"""The finding that the speed grows by less than the input: what friction, a dead zone or a fan makes of speeds isn't that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servobench.core.finding import Finding, Verdict
+from servobench.identification.identify import identify
+from servobench.identification.trust.doubts.base import about_fit
+from servobench.recordings.measurement.dataset import Dataset
+from tests.contracts.finding_examples.base import fitted
+from tests.datasets import dataset
+
+LEVELS = np.arange(1.0, 9.0)  # V
+STEP, TAU = 0.01, 0.08  # s
+
+
+def speeds(levels: NDArray[np.float64], settled: NDArray[np.float64], name: str = "run") -> Dataset:
+    """A speed [rad/s] that goes as a first order to what is settled at each level of the input [V], a second each."""
+    u, ends = np.repeat(levels, 100), np.repeat(settled, 100)
+    y, decay = np.zeros(len(u)), np.exp(-STEP / TAU)
+    for k in range(1, len(u)):
+        y[k] = ends[k - 1] + decay * (y[k - 1] - ends[k - 1])
+    noise = 0.05 * np.random.default_rng(1).standard_normal(len(u))
+    data = dataset(seed=1, samples=len(u), sample_time=STEP, u=u, y=y + noise, chain="derivative")
+    return replace(data, name=name)
+
+
+def sentences(findings: Sequence[Finding]) -> list[str]:
+    return [each.sentence for each in findings if each.code == "speed-levels-off"]
+
+
+def test_a_bend_between_a_dead_zone_and_the_highest_level_names_the_level_where_it_is() -> None:
+    """Up to 2 V it stands, up to 4 V it gains 10 rad/(s·V), beyond 2: the line through the ends shows no drive at 0 V."""
+    settled = np.interp(LEVELS, [0.0, 1.9, 3.9, 8.0], [0.0, 0.0, 20.0, 28.2])
+
+    (sentence,) = sentences(about_fit(fitted(speeds(LEVELS, settled), "first_order_one_way_rest")))
+
+    assert "at 4\u00a0V" in sentence
+    assert "at 8\u00a0V" in sentence
+
+
+@pytest.mark.parametrize(
+    "settled",
+    [
+        pytest.param(5.0 * np.maximum(LEVELS - 1.5, 0.0), id="friction"),
+        # u = a ω + b ω², with as much of the one as of the other at 8 V
+        pytest.param(20.0 * (np.sqrt(1.0 + LEVELS) - 1.0), id="a fan"),
+    ],
+)
+def test_neither_friction_nor_a_fan_is_that(settled: NDArray[np.float64]) -> None:
+    assert not sentences(identify(speeds(LEVELS, settled)).findings)
+
+
+def test_steps_from_rest_that_a_single_gain_can_t_have_are_doubtful_and_not_refused() -> None:
+    """From rest, friction can't be negative: a model that keeps to that explains less than half."""
+    levels = np.array([3.0, 5.0, 7.0, 9.0])
+    steps = [
+        speeds(np.array([level]), np.array([40.0 + 4.0 * level]), name=f"{level:g} V") for level in levels
+    ]
+
+    result = identify(steps, starts_at_rest=True)
+
+    assert result.verdict is Verdict.DOUBTFUL
+    assert sentences(result.findings)
+    assert "offset-negative" not in {each.code for each in result.findings}
+    assert result.fit is not None
+    assert result.fit.fit_percent > 80.0
