@@ -37,7 +37,7 @@ _PREDICTS = (
     80.0  # % of what it wasn't fitted to: a model that predicts more of its own recording is no wrong one
 )
 _WORST = 0.5  # % of the output unexplained, below which a difference doesn't matter
-_STILL = 0.02  # of the variation of all data: a part that neither moves nor is missed by more is no test
+_STILL = 0.02  # of the motion in all data: a part that neither moves nor is missed by more is no test
 # Times the misfit that the rest of the data foretell. A right model behind an ideal encoder reached 1.03 in 50 records, and
 # 4.2 in 12 under a white torque, which lets the position wander.
 _BEYOND = 8.0
@@ -196,9 +196,9 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
     except NotIdentifiable:
         return None
     foretold = _foretold(held, other)
-    moved = _variation(held)
     missed = float(np.sqrt(np.mean(np.concatenate([record.residual[record.valid] for record in held]) ** 2)))
-    if not foretold < _UNTOLD * moved or max(moved, missed) < _STILL * _variation(fit.records):
+    still = max(_motion(held), missed) < _STILL * _motion(fit.records)
+    if still or not foretold < _UNTOLD * _variation(held):
         return None
     return held, _record_fit(part.name, held, other, foretold)
 
@@ -246,6 +246,13 @@ def _variation(held: Sequence[FittedRecord]) -> float:
     """The standard deviation of the output, over all parts that are left out."""
     spread = [record.data.y[record.valid] - record.data.y[record.valid].mean() for record in held]
     return float(np.sqrt(np.mean(np.concatenate(spread) ** 2)))
+
+
+def _motion(records: Sequence[FittedRecord]) -> float:
+    """How much the shaft moves: the variation of a position, or the root mean square of a speed."""
+    if records[0].data.kind == "position":
+        return _variation(records)
+    return float(np.sqrt(np.mean(np.concatenate([record.data.y[record.valid] for record in records]) ** 2)))
 
 
 def _several(data: Sequence[Dataset]) -> tuple[Callable[[int], str], Iterator[Part]]:
