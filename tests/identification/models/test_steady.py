@@ -49,8 +49,19 @@ def test_a_speed_that_settles_bounds_the_time_constant_by_the_time_it_had() -> N
 
 
 @pytest.mark.parametrize("hold", [8, 50])
-def test_inputs_that_leave_no_time_to_settle_bound_nothing(hold: int) -> None:
-    assert longest_time_constant([dataset(seed=1, kind="prbs", hold=hold, samples=2000)]) == np.inf
+def test_inputs_that_leave_no_time_to_settle_bound_nothing_and_show_no_wrong_speed(hold: int) -> None:
+    """A stretch may end by chance at the speed that it began with; several equal bits in a row leave time to settle."""
+    both_ways = dataset(seed=1, kind="prbs", hold=hold, samples=2000, truth=TRUTH)
+    one_way = dataset(seed=1, samples=2000, u=5.0 + both_ways.u, truth=TRUTH)
+    gain = TRUTH.motor_constant / (TRUTH.resistance * TRUTH.viscous_friction + TRUTH.motor_constant**2)
+    friction = TRUTH.resistance * TRUTH.coulomb_torque / TRUTH.motor_constant
+
+    for data in (both_ways, one_way):
+        assert longest_time_constant([data]) == np.inf
+        largest = gain * float(np.abs(data.u).max())
+        for level, speed in speeds_by_level([data]).items():
+            # A settled speed is known to a twentieth of the largest.
+            assert abs(speed - gain * (level - np.sign(level) * friction)) < 0.05 * largest
 
 
 def test_a_rest_before_a_sweep_bounds_nothing() -> None:

@@ -71,10 +71,25 @@ def steady_speeds(data: Dataset) -> list[SteadySpeed]:
 
 
 def speeds_by_level(records: Sequence[Dataset]) -> dict[float, float]:
-    """Return the mean of the speeds that several records settled at under each level, the lowest level first; units as there."""
-    every = [each for record in records for each in steady_speeds(record)]
-    levels = sorted({each.level for each in every})
-    return {level: float(np.mean([each.speed for each in every if each.level == level])) for level in levels}
+    """Return the mean of the speeds that several records settled at under each level, the lowest level first; units as there.
+
+    Where the input changes before the motor gets to its speed, some stretch looks settled by chance: a level counts where all of
+    its stretches are, or several of them settled at the same speed.
+    """
+    every = [_stretches(record) for record in records]
+    levels, speeds = (
+        np.concatenate([getattr(each, name) for each in every]) for name in ("levels", "speeds")
+    )
+    settled = np.concatenate([each.settled for each in every])
+    largest = max(each.largest for each in every)
+    means = {}
+    for level in np.unique(levels).tolist():
+        at_level = levels == level
+        own = speeds[at_level & settled]
+        same = len(own) > 1 and np.ptp(own) <= _SAME * largest
+        if len(own) and (same or len(own) == np.count_nonzero(at_level)):
+            means[level] = float(np.mean(own))
+    return means
 
 
 def longest_time_constant(records: Sequence[Dataset]) -> float:

@@ -50,8 +50,10 @@ def _drives_without_input(levels: Sequence[tuple[float, float]], offset: float) 
     `offset` is what of the input is lost in this sense and regained in the other, in the unit of the input.
     """
     (low, slow), (high, fast) = levels[0], levels[-1]
-    if high < _APART * low or fast == slow:
+    if high < _APART * low:
         return False
+    if fast <= slow:
+        return True
     lost = low - slow / (fast - slow) * (high - low)
     return lost - offset < -_MUCH * high
 
