@@ -146,7 +146,7 @@ def test_a_reversal_between_two_samples_tells_the_speed_at_full_voltage_and_how_
     assert result.verdict is Verdict.TRUSTED
     (speed,) = [each for each in result.combinations if each.name == "speed_at_level"]
     low, high = speed.estimate.interval
-    assert low < np.sign(speed.input_level) * gain * (3.0 - friction) < high
+    assert low < np.sign(speed.input_level or 0.0) * gain * (3.0 - friction) < high
     assert set(speed.parameters) == {"gain", "coulomb_voltage", "offset_voltage"}
     assert result.answers["gain"].state is State.COMBINATION
     assert result.answers["time_constant"].state is State.BOUNDED

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from servobench.core.finding import Finding, info
+from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts import lag_not_split
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+
+_FAR = 10.0  # times the longest record: what is longer is no number that anybody needs
 
 
 def _time_scale(fit: Fit) -> list[Finding]:
@@ -20,13 +23,13 @@ def _time_scale(fit: Fit) -> list[Finding]:
     split_unknown = any(finding.code == lag_not_split.CODE for finding in fit.findings)
     if tau < 2 * step and not split_unknown:
         sentence = (
-            f"The time constant, {tau:.3g} s, is less than two sample times of {step:.3g} s: sample faster."
+            f"The time constant that fits best, {with_unit(tau, 's', 3)}, is less than two sample times of "
+            f"{with_unit(step, 's', 3)}: sample faster."
         )
         return [info("sampling-too-slow", sentence, parameters=("time_constant",))]
     if tau > 0.5 * longest:
-        sentence = (
-            f"The time constant, {tau:.3g} s, is longer than half of the longest record: record for longer."
-        )
+        best = f", {with_unit(tau, 's', 3)}, is" if tau < _FAR * longest else " is far"
+        sentence = f"The time constant that fits best{best} longer than half of the longest record: record for longer."
         return [info("record-too-short", sentence, parameters=("time_constant", "gain"))]
     return []
 
