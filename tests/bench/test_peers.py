@@ -103,25 +103,19 @@ def test_a_random_torque_spreads_the_speed_as_its_intensity_says(peers: SimpleNa
     assert np.mean(wander[:, -1] ** 2) == pytest.approx(expected, rel=4 * math.sqrt(2.0 / runs))
 
 
-def test_more_runs_leave_the_first_ones_as_they_were(
-    peers: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(peers.make_data, "SAMPLES", 50)
+def test_more_runs_leave_the_first_ones_as_they_were(peers: SimpleNamespace) -> None:
     for name in peers.make_data.SETS:
-        few, more = (peers.make_data.records(name, runs) for runs in (2, 4))
+        few, more = (peers.make_data.records(name, runs, samples=50) for runs in (2, 4))
 
         assert np.array_equal(more.counts[:2], few.counts)
         assert np.array_equal(more.gain[:2], few.gain)
         assert len(set(more.gain)) == 4
 
 
-def test_all_formats_hold_the_same_data(
-    peers: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_all_formats_hold_the_same_data(peers: SimpleNamespace, tmp_path: Path) -> None:
     from scipy.io import loadmat
 
-    monkeypatch.setattr(peers.make_data, "SAMPLES", 20)
-    peers.make_data.write(tmp_path, 2)
+    peers.make_data.write(tmp_path, 2, samples=20)
 
     truth = peers.table.read_truth(tmp_path / "truth.csv")
     assert set(truth) == {(name, run) for name in peers.make_data.SETS for run in (0, 1)}
@@ -342,11 +336,8 @@ def test_a_file_without_the_columns_is_not_added(peers: SimpleNamespace, tmp_pat
         peers.table.read_rows([path])
 
 
-def test_answers_from_elsewhere_join_the_table(
-    peers: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(peers.make_data, "SAMPLES", 20)
-    peers.make_data.write(tmp_path, 2)
+def test_answers_from_elsewhere_join_the_table(peers: SimpleNamespace, tmp_path: Path) -> None:
+    peers.make_data.write(tmp_path, 2, samples=20)
     rows = [row("matlab", run, 23.0) | {"set": name} for name in peers.make_data.SETS for run in (0, 1)]
     peers.run.write_results(tmp_path / "from_matlab" / "results_matlab.csv", rows)
     page = tmp_path / "peers.md"

@@ -16,6 +16,7 @@ import jsonschema
 import pytest
 
 from servobench.cli import main
+from tests import forks
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,12 @@ def process(*words: object, **changed: str) -> Ended:
     return Ended(ended.returncode, ended.stdout.decode(encoding), ended.stderr.decode(encoding))
 
 
+def in_a_fork(*words: object) -> Ended:
+    """Run a command line as a process of its own that needn't import anything."""
+    ended = forks.run(["-m", "servobench", *map(str, words)], cwd=Path.cwd(), env=environment())
+    return Ended(ended.returncode, ended.stdout, ended.stderr)
+
+
 @contextmanager
 def started(*words: object) -> Iterator[subprocess.Popen[str]]:
     """Start a command line as a process of its own, which is gone in the end, whatever happens."""
@@ -107,6 +114,6 @@ def started(*words: object) -> Iterator[subprocess.Popen[str]]:
 def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run of the paper's experiment; tests only read in it."""
     folder = tmp_path_factory.mktemp("finished") / "run"
-    ended = process("run", "--out", folder)
+    ended = in_a_fork("run", "--out", folder)
     assert ended.status == 0, ended.err
     return folder

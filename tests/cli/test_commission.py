@@ -16,7 +16,7 @@ from servobench.cli.commission import Hand
 from servobench.cli.progress import Progress
 from servobench.recordings.native.reader import read
 from servobench.rig.commission.checks.base import CHECKS
-from tests.cli.conftest import Command, process, started
+from tests.cli.conftest import Command, in_a_fork, started
 
 SOUND = "twin watchdog=50ms counter_bits=16"
 
@@ -37,7 +37,7 @@ def checked(text: str) -> dict[str, Any]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bench that was commissioned and signed off; tests only read in it."""
     out = tmp_path_factory.mktemp("commissioned") / "bench"
-    ended = process(
+    ended = in_a_fork(
         "commission", SOUND, "--out", out, "--signed-by", "Ada <Lovelace>", "--signed-on", "2026-11-20"
     )
     assert ended.status == 0, ended.err

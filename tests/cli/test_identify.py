@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.conftest import Command, checked, process
+from tests.cli.conftest import Command, checked, in_a_fork
 
 
 def table(file: Path, columns: dict[str, np.ndarray]) -> Path:
@@ -101,7 +101,7 @@ def test_data_that_can_t_support_a_model_are_refused_with_json_and_report(
 
 
 def test_words_go_to_standard_error_beside_json(position: Path) -> None:
-    ended = process("identify", position, "--json")
+    ended = in_a_fork("identify", position, "--json")
 
     assert ended.status == 0
     assert checked(json.loads(ended.out))["verdict"] == "trusted"
@@ -269,26 +269,12 @@ def test_the_table_of_a_run_gives_the_result_of_its_recording(
 
 
 def test_a_report_is_never_written_over_a_recording(tmp_path: Path) -> None:
-    import subprocess
-    import sys
-
     recording = tmp_path / "a.csv"
     recording.write_text("t,u,y\n" + "".join(f"{0.01 * k},{1 + k // 50 % 2},{k}\n" for k in range(200)))
     before = recording.read_bytes()
-    words = [
-        sys.executable,
-        "-m",
-        "servobench",
-        "identify",
-        str(recording),
-        "--output",
-        "y:rad",
-        "--report",
-        str(recording),
-    ]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "would be overwritten" in done.stderr
+    ended = in_a_fork("identify", recording, "--output", "y:rad", "--report", recording)
+    assert ended.status == 2
+    assert "would be overwritten" in ended.err
     assert recording.read_bytes() == before
 
 

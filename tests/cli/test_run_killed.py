@@ -18,7 +18,7 @@ import pytest
 import servobench as sb
 from servobench.core.finding import Severity
 from servobench.rig.loop.child import RECORDER_PATIENCE
-from tests.cli.conftest import checked, process, started
+from tests.cli.conftest import checked, in_a_fork, started
 from tests.cli.test_run import FILES, HOST, names
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -63,7 +63,7 @@ def test_a_recording_that_is_being_written_is_taken_away_by_nobody(host: Path, t
             ("run", "--out", tmp_path / "run"),
             ("inspect", tmp_path / "run"),
         ):
-            ended = process(*words)
+            ended = in_a_fork(*words)
             assert ended.status == 2, ended
             assert (
                 "recording.mcap.part is being written by a running experiment: wait until it ends"

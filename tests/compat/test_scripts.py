@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests import forks
+
 SCRIPTS = Path(__file__).parent / "scripts"
 GAIN = 1 / 0.042  # rad/(s·V), of a motor without friction
 
@@ -17,11 +19,15 @@ GAIN = 1 / 0.042  # rad/(s·V), of a motor without friction
 def run(
     script: Path | str, *options: str, arguments: tuple[str, ...] = (), folder: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program on the stand-in."""
-    command = [sys.executable, "-m", "servobench.compat.quanser", *options, str(script), *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, timeout=300, input="\n", check=False, cwd=folder
-    )
+    """Run a program on the stand-in, in a fork."""
+    words = ["-m", "servobench.compat.quanser", *options, str(script), *arguments]
+    return forks.run(words, cwd=folder or Path.cwd())
+
+
+def run_to_the_end(script: Path) -> subprocess.CompletedProcess[str]:
+    """Run a program on the stand-in by an interpreter of its own, whose end is not that of a fork."""
+    command = [sys.executable, "-m", "servobench.compat.quanser", str(script)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, input="\n", check=False)
 
 
 Ends = Callable[[str], subprocess.CompletedProcess[str]]
@@ -112,7 +118,7 @@ def test_a_pendulum_that_somebody_lifts_is_balanced() -> None:
     ],
 )
 def test_the_motor_is_at_rest_however_a_program_ends(ending: str, status: int, tmp_path: Path) -> None:
-    ended = run(written(tmp_path, OPEN + ending))
+    ended = run_to_the_end(written(tmp_path, OPEN + ending))
 
     assert ended.returncode == status
     last = ended.stderr.rstrip().splitlines()[-1]
@@ -126,13 +132,13 @@ def test_what_a_program_does_at_its_exit_still_finds_the_board(tmp_path: Path) -
         "import atexit\ndef end():\n    card.write_analog(one, 1, np.zeros(1))\n"
         "    card.write_digital(one, 1, np.array([0], dtype=np.int8))\n    card.close()\natexit.register(end)\n"
     )
-    ended = run(written(tmp_path, program))
+    ended = run_to_the_end(written(tmp_path, program))
 
     assert ended.stderr.rstrip().endswith("QUBE-Servo 2: 0 V, amplifier off.")
 
 
 def test_an_error_of_the_program_is_shown_without_the_frames_of_the_stand_in(tmp_path: Path) -> None:
-    ended = run(written(tmp_path, OPEN + "1 / 0"))
+    ended = run_to_the_end(written(tmp_path, OPEN + "1 / 0"))
 
     assert "ZeroDivisionError" in ended.stderr
     assert "runpy" not in ended.stderr
@@ -252,7 +258,7 @@ def test_a_request_to_end_ends_at_once_as_under_python_and_tells_what_was_on_the
         f"{OPEN}import atexit, os, signal\ndef end():\n    {REST}\natexit.register(end)\n"
         "try:\n    os.kill(os.getpid(), signal.SIGTERM)\nfinally:\n    end()\n"
     )
-    ended = run(written(tmp_path, program))
+    ended = run_to_the_end(written(tmp_path, program))
 
     assert ended.returncode == -signal.SIGTERM
     assert "left 2 V, amplifier on, and never closed" in last_line(ended)
@@ -261,7 +267,7 @@ def test_a_request_to_end_ends_at_once_as_under_python_and_tells_what_was_on_the
 @pytest.mark.parametrize("more", ["", "q.self = q", "import atexit; atexit.register(lambda: q)", "1 / 0"])
 def test_a_global_that_cleans_up_as_it_goes_still_finds_the_board(more: str, tmp_path: Path) -> None:
     program = f"{OPEN}class Q:\n    def __del__(self):\n        {REST}\nq = Q()\n{more}\n"
-    ended = run(written(tmp_path, program))
+    ended = run_to_the_end(written(tmp_path, program))
 
     assert last_line(ended) == AT_REST
     assert "ignored" not in ended.stderr
@@ -273,7 +279,7 @@ def test_a_hook_of_the_program_for_errors_is_called_with_its_own_frames(tmp_path
         "    print(kind.__name__, [frame.name for frame in traceback.extract_tb(trace)])\n"
         "sys.excepthook = hook\n1 / 0\n"
     )
-    ended = run(written(tmp_path, program))
+    ended = run_to_the_end(written(tmp_path, program))
 
     assert (ended.returncode, ended.stdout) == (1, "ZeroDivisionError ['<module>']\n")
     assert last_line(ended) == AT_REST
@@ -284,7 +290,7 @@ def test_a_hook_of_the_program_for_errors_is_called_with_its_own_frames(tmp_path
     ["def f(:\n", "class Stop(BaseException): pass\nraise Stop", "import sys; sys.excepthook = 1\n1 / 0"],
 )
 def test_no_error_of_a_program_shows_frames_of_the_stand_in(program: str, tmp_path: Path) -> None:
-    ended = run(written(tmp_path, program))
+    ended = run_to_the_end(written(tmp_path, program))
 
     assert ended.returncode == 1
     assert "Error" in ended.stderr or "Stop" in ended.stderr
@@ -302,7 +308,7 @@ def test_a_program_finds_its_file_and_its_name_as_under_python(tmp_path: Path) -
 @pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="no child processes are forked off here")
 def test_a_forked_child_that_leaves_a_voltage_does_not_make_the_last_line_untrue(tmp_path: Path) -> None:
     program = f"import os\nif os.fork():\n    os.wait()\nelse:\n    {OPEN.strip().replace(chr(10), chr(10) + '    ')}\n"
-    ended = run(written(tmp_path, program))
+    ended = run_to_the_end(written(tmp_path, program))
 
     assert last_line(ended) == "servobench: end: this process opened no board."
     assert "child processes were started" in ended.stderr

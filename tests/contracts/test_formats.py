@@ -14,6 +14,7 @@ from servobench.core.errors import FormatError, StorageError, UsageError
 from servobench.recordings.formats.base import FORMATS, Format, save
 from servobench.recordings.loading.load import load
 from servobench.recordings.recording import Recording, Series, Source
+from tests.files import refill
 from tests.recordings.native.samples import recordings, small
 
 NAMES = FORMATS.names()
@@ -191,7 +192,7 @@ def test_a_damaged_file_gives_recordings_or_a_format_error_and_takes_little_memo
         return
     data = path.read_bytes()
     for damaged in mutations(data, seed=5):
-        path.write_bytes(damaged)
+        refill(path, damaged)
         tracemalloc.start()
         try:
             back, said = load(path), path.name

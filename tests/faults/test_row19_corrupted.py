@@ -14,6 +14,7 @@ from servobench.core.errors import FormatError
 from servobench.recordings.formats.base import load
 from servobench.recordings.recording import Recording
 from servobench.rig.loop.recording_process import record
+from tests.files import refill
 from tests.rig.loop.rings import RingLoop
 
 TICKS = 12
@@ -37,7 +38,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 
 def loaded(path: Path, data: bytes) -> Recording:
-    path.write_bytes(data)
+    refill(path, data)
     (recording,) = load(path)
     return recording
 
@@ -48,7 +49,7 @@ def flipped(data: bytes, place: int, bits: int) -> bytes:
 
 def is_right(path: Path, data: bytes, original: Recording) -> bool:
     """Whether those bytes give the recording, a beginning of it that says so, or an error that names the file."""
-    path.write_bytes(data)
+    refill(path, data)
     try:
         (found,) = load(path)
     except FormatError as error:

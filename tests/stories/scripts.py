@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from tests import forks
 
 
 def run_script(text: str, folder: Path, python: Path) -> str:
@@ -23,8 +26,12 @@ def run(words: Sequence[str | Path], folder: Path) -> str:
     home = folder / "home"
     home.mkdir(exist_ok=True)
     environment = {**os.environ, "HOME": str(home), "XDG_CACHE_HOME": str(home), "MPLBACKEND": "agg"}
-    done = subprocess.run(
-        [*map(str, words)], cwd=folder, env=environment, capture_output=True, text=True, timeout=300
-    )
+    command = [*map(str, words)]
+    if command[0] == sys.executable:  # a fresh installation begins with an interpreter of its own
+        done = forks.run(command[1:], cwd=folder, env=environment)
+    else:
+        done = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300
+        )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -17,6 +17,7 @@ import pytest
 
 import servobench as sb
 from servobench.recordings.native.reader import read
+from tests import forks
 
 PATIENCE = 120.0  # s; in a fresh clone all kernels are compiled
 ROWS = 5000
@@ -62,13 +63,8 @@ def test_lines_on_standard_input_end_in_a_report(lines: list[str], tmp_path: Pat
 def test_a_growing_file_ends_when_enough_is_known(lines: list[str], tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("\n".join(lines) + "\n")
-    ended = subprocess.run(
-        command(log, "--out", tmp_path / "out", "--until", "known", "--json"),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=PATIENCE,
-    )
+    words = command(log, "--out", tmp_path / "out", "--until", "known", "--json")
+    ended = forks.run(words[1:], cwd=tmp_path, timeout=int(PATIENCE))
 
     assert ended.returncode == 0, ended.stderr
     assert "stopped when enough was known" in ended.stderr
@@ -128,16 +124,11 @@ def test_a_serial_port_that_goes_on_sending_ends_after_the_time_asked_for(
     tty.setraw(port)
     sender = threading.Thread(target=send, args=(board, "\n".join(lines[2:]) + "\n"), daemon=True)
     sender.start()
-    ended = subprocess.run(
-        [
-            *command(os.ttyname(port), "--out", tmp_path / "out", "--stop-after", "8s"),
-            *("--time", "column_1:us", "--input", "column_2:V", "--output", "column_3:counts"),
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=PATIENCE,
-    )
+    words = [
+        *command(os.ttyname(port), "--out", tmp_path / "out", "--stop-after", "8s"),
+        *("--time", "column_1:us", "--input", "column_2:V", "--output", "column_3:counts"),
+    ]
+    ended = forks.run(words[1:], cwd=tmp_path, timeout=int(PATIENCE))
     os.close(port)
     os.close(board)
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -36,6 +39,12 @@ def stepped(kp: float, size: float, torque_noise: float, seed: int, kd: float = 
     )
     with Twin(TwinSettings(torque_noise=torque_noise, start_angle=start)) as motor:
         return measure(run(asked, motor))
+
+
+@cache
+def of_stepped(kp: float, size: float, torque_noise: float, seed: int) -> Result:
+    """The result of such a record; several tests look at those in which chance looks most like gravity."""
+    return identify(stepped(kp, size, torque_noise, seed=seed))
 
 
 def off(result: Result) -> float:
@@ -95,7 +104,7 @@ def test_what_a_controller_answers_to_a_torque_is_not_taken_for_gravity(
 
     With kp = 0.3 it did so while a rest counted as all its samples.
     """
-    result = identify(stepped(kp, size, torque_noise, seed=seed))
+    result = of_stepped(kp, size, torque_noise, seed)
 
     assert result.fit is not None
     assert result.fit.structure == "first_order_coulomb"
@@ -108,7 +117,7 @@ def test_gravity_that_a_closed_loop_can_not_show_is_named(
     kp: float, size: float, torque_noise: float, seed: int
 ) -> None:
     """Where chance looks like gravity, the data can't tell whether it is there, and an open loop would."""
-    result = identify(stepped(kp, size, torque_noise, seed=seed))
+    result = of_stepped(kp, size, torque_noise, seed)
     hidden = [finding.sentence for finding in result.findings if finding.code == "term-hidden"]
     assert len(hidden) == 1
     assert "gravity" in hidden[0]
@@ -124,13 +133,14 @@ def test_gravity_that_is_there_is_found_in_a_closed_loop_under_a_random_torque()
         random.uniform(-2.0, 2.0, 20), 250
     )  # two levels wouldn't tell gravity from the controller's pull
     angle, speed, counts, u = 0.001, 0.0, np.zeros(5000), np.zeros(5000)
-    kicks = 0.5 * np.sqrt(step) * random.standard_normal((5000, 100))
+    kicks = (0.5 * np.sqrt(step) * random.standard_normal((5000, 100))).tolist()
+    brake = step / tau * gain * coulomb
     for n in range(5000):
-        counts[n] = (np.floor(angle / QUANTUM) + 0.5) * QUANTUM
+        counts[n] = (math.floor(angle / QUANTUM) + 0.5) * QUANTUM
         u[n] = kp * (reference[n] - counts[n])
+        pull = float(u[n])
         for kick in kicks[n]:
-            free = speed + step / tau * (gain * (u[n] - gravity * np.sin(angle)) - speed)
-            brake = step / tau * gain * coulomb
+            free = speed + step / tau * (gain * (pull - gravity * math.sin(angle)) - speed)
             before, speed = speed, free - min(brake, max(-brake, free))
             angle += 0.5 * step * (before + speed)
             speed += kick if speed else 0.0

@@ -20,6 +20,7 @@ import numpy as np
 
 from servobench.core.errors import ServobenchError
 from servobench.recordings.loading.load import load
+from tests.files import refill
 from tests.processes import most_memory
 
 _LIES = (
@@ -119,7 +120,7 @@ def main(file: str, seed: str, count: str) -> None:
     load(path)  # libraries are loaded, and caches filled
     outcomes: Counter[str] = Counter()
     for damaged in mutations(data, int(seed), int(count)):
-        path.write_bytes(damaged or b"\n")
+        refill(path, damaged or b"\n")
         outcomes[_outcome(path)] += 1
     json.dump({"outcomes": outcomes, "most_memory": most_memory(os.getpid())}, sys.stdout)
 

@@ -18,6 +18,7 @@ from servobench.recordings.formats import matfile
 from servobench.recordings.formats.base import load, save
 from servobench.recordings.loading.load import load as load_in_child
 from servobench.recordings.recording import Recording
+from tests.files import refill
 from tests.recordings.formats.tables import codes, columns, finding
 from tests.recordings.native.samples import small
 
@@ -325,7 +326,7 @@ def test_a_damaged_file_is_a_recording_or_a_format_error_and_takes_little_memory
     data = {"4": version_4, "5": version_5, "7.3": lambda: version_7_3(tmp_path)}[version]()
     path = tmp_path / "a.mat"
     for damaged in damaged_files(data, seed=2):
-        path.write_bytes(damaged)
+        refill(path, damaged)
         tracemalloc.start()
         try:
             said = load_in_child(path)[0].source.name
