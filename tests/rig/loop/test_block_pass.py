@@ -283,9 +283,9 @@ def test_ctrl_c_between_two_blocks_ends_the_run_with_what_was_done() -> None:
             raise KeyboardInterrupt
         return np.full_like(t, 2.0)
 
-    experiment = Experiment(duration=40.0)
+    experiment = Experiment(duration=120.0)
     with sb.connect("twin") as twin:
-        recording = sb.run(Plain(interrupt, duration=40.0, asked=experiment), twin)
+        recording = sb.run(Plain(interrupt, duration=120.0, asked=experiment), twin)
         before, after = twin.state, twin.coast(5.0)
 
     assert recording.stopped.reason == "interrupted"

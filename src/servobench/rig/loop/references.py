@@ -10,7 +10,7 @@ from servobench.rig.clock import Tick
 from servobench.systems.signals.base import Signal
 
 BLOCK = 512  # evaluated at once: a call of a signal costs far more than one more value in it
-LONG_BLOCK = 4096  # the same for ticks that go in blocks: no motor waits
+LONG_BLOCK = 16_384  # the same for ticks that go in blocks: no motor waits
 _AFRESH = 16  # the same right after the schedule was moved: that tick is late already
 
 

@@ -27,7 +27,7 @@ from servobench.systems.control.state_feedback import StateFeedback
 LAWS: tuple[type[Controller], ...] = (OpenLoop, Pid, Lead, StateFeedback)
 """The control laws that are compiled, in the order of their numbers in `block_kernels`."""
 
-BLOCK_ROWS = 4096  # that are handed on at once
+BLOCK_ROWS = 16_384  # that are handed on at once: a call costs as much as some hundred ticks, and these take milliseconds
 FEWEST_TICKS = 1000  # fewer are done before the compiled block is loaded, which takes 10 ms
 _LONGEST_WAIT = 512  # ticks
 
