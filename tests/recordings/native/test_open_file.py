@@ -3,6 +3,7 @@
 import copy
 import os
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from servobench.core.channels import Channel
 from servobench.core.errors import StorageError
 from servobench.core.finding import warning
+from servobench.recordings.native import open_file
 from servobench.recordings.native.open_file import MOST_OPEN, recording_in
 from servobench.recordings.native.reader import read
 from servobench.recordings.native.writer import RecordingWriter, Together, save
@@ -125,7 +127,10 @@ def test_a_file_is_closed_once_it_is_read_or_nobody_can_read_it(path: Path) -> N
 
 
 @posix
-def test_many_do_not_take_all_files_that_a_process_may_have(path: Path) -> None:
+def test_many_do_not_take_all_files_that_a_process_may_have(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(open_file, "_OPEN", weakref.WeakSet())  # not those of other tests that ran before
     many = [unread(path) for _ in range(MOST_OPEN + 5)]
 
     assert descriptors(path) == MOST_OPEN
