@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -53,33 +54,48 @@ if __name__ == "__main__":
 """
 
 
-def main(
-    files: int = 100, large: int = 2000, kills: int = 20, samples: int = 5000, turns: int = 3
-) -> list[Figure]:
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """The number and the length of the measurements."""
+
+    files: int = 100
+    large: int = 2000
+    """Files of the large fleet."""
+    kills: int = 20
+    samples: int = 5000
+    turns: int = 3
+    workers: int = 2
+    """Processes of a rate, where there are as many processors."""
+    warm_up: bool = True
+    """Whether a fleet goes first of which no time is taken."""
+
+
+def main(size: Size = Size()) -> list[Figure]:
     """Return the rates for each kind of file, the memory of a large fleet over that of a small one, and rows lost or doubled."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        figures = [figure for kind in _KINDS for figure in _rates(place / kind, kind, files, samples, turns)]
+        figures = [figure for kind in _KINDS for figure in _rates(place / kind, kind, size)]
         return [
             *figures,
-            *_memory(place / "memory", max(8, large // 20), large),
-            *_kills(place / "kills", kills),
+            *_memory(place / "memory", max(8, size.large // 20), size.large),
+            *_kills(place / "kills", size.kills),
         ]
 
 
 def smallest() -> list[Figure]:
-    """Return the figures of a few files, each rate taken once."""
-    return main(files=4, large=16, kills=2, samples=500, turns=1)
+    """Return the figures of a few files and one kill, each rate taken once, of one process."""
+    return main(Size(files=3, large=16, kills=1, samples=500, turns=1, workers=1, warm_up=False))
 
 
-def _rates(folder: Path, kind: str, files: int, samples: int, turns: int) -> list[Figure]:
+def _rates(folder: Path, kind: str, size: Size) -> list[Figure]:
     folder.mkdir()
-    paths = [_write(folder, kind, serial, samples) for serial in range(files)]
+    paths = [_write(folder, kind, serial, size.samples) for serial in range(size.files)]
     settings = Settings(options={"output": "angle:rad", "chain": "none"})
-    count = min(processors(), 2)
-    identify_fleet(folder, folder.parent / f"warm-{kind}", settings=settings, workers=count)
+    count = min(processors(), size.workers)
+    if size.warm_up:
+        identify_fleet(folder, folder.parent / f"warm-{kind}", settings=settings, workers=count)
     ratios, rates = [], []
-    for turn in range(turns):
+    for turn in range(size.turns):
         with Processes(_read, count) as pool:
             looks = [time.perf_counter() for _ in pool.results(paths)]
         steps: list[float] = []
@@ -92,7 +108,7 @@ def _rates(folder: Path, kind: str, files: int, samples: int, turns: int) -> lis
         )
         whole = steps[-1] - steps[1]  # the first step is that nothing is done yet
         ratios.append((looks[-1] - looks[0]) / whole)
-        rates.append((files - 1) / whole)
+        rates.append((size.files - 1) / whole)
     return [
         Figure(what=f"{kind}: rate over reading and doing nothing", value=statistics.median(ratios),
                half=(min(ratios), max(ratios)), goal=f"at least {RATE:g}"),
@@ -202,4 +218,5 @@ def _kills(folder: Path, kills: int) -> list[Figure]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(shown(main(*map(int, sys.argv[1:]))))
+    asked = dict(zip(("files", "large", "kills"), map(int, sys.argv[1:]), strict=False))
+    raise SystemExit(shown(main(Size(**asked))))

@@ -58,6 +58,8 @@ class Size:
     """Until the scopes' 10 s are full [s]."""
     settled: float = 2.0
     """Until a page has what was before it [s]."""
+    zeroing: float = 2.0
+    """For which the loop's time 0 is looked for [s]."""
     pairs: int = 5
 
 
@@ -214,7 +216,7 @@ def looked_at(program: Program, browser: Any, size: Size) -> tuple[Shown, np.nda
         page.page.get_by_text("Driving").wait_for()
         with ring_of(program) as ring:
             page.page.wait_for_timeout(1000 * size.filled)
-            zero = time_zero(ring)
+            zero = time_zero(ring, size.zeroing)
             reader = ring.reader(ring.written)
             page.page.evaluate("() => { watched.on = true; }")
             page.page.wait_for_timeout(1000 * size.seconds)
@@ -246,10 +248,10 @@ def ring_of(program: Program) -> Iterator[RowRing]:
         yield ring
 
 
-def time_zero(ring: RowRing) -> float:
+def time_zero(ring: RowRing, seconds: float) -> float:
     """When the loop's time 0 was [s, monotonic]: a row can't be seen before its time, and of a thousand one is seen at once."""
     offsets, last = [], ring.written
-    until = time.monotonic() + 2.0
+    until = time.monotonic() + seconds
     while time.monotonic() < until:
         if ring.written > last:
             now = time.monotonic()
@@ -360,8 +362,8 @@ def main(size: Size = Size()) -> list[Figure]:
 
 
 def smallest() -> list[Figure]:
-    """All figures, of one pair and a second each."""
-    return main(Size(seconds=0.5, filled=0.5, settled=0.2, pairs=1))
+    """All figures, of one pair and half a second each."""
+    return main(Size(seconds=0.5, filled=0.5, settled=0.2, zeroing=0.2, pairs=1))
 
 
 if __name__ == "__main__":

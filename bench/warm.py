@@ -50,13 +50,13 @@ def wall(words: tuple[str, ...]) -> float:
     return time.perf_counter() - start
 
 
-def ratio(name: str, words: tuple[str, ...], pairs: int, at_most: float) -> Figure:
+def ratio(name: str, words: tuple[str, ...], pairs: int, at_most: float, *, warm_up: bool = True) -> Figure:
     """Return how many times the CPU time of the bare imports a command takes."""
     asked = (*SERVOBENCH, *words)
-    for each in (asked, BARE):
+    for each in (asked, BARE) if warm_up else ():
         cpu(each)  # once for bytecode, kernels and the disk's cache
     ratios = [cpu(asked) / cpu(BARE) for _ in range(pairs)]
-    low, middle, high = statistics.quantiles(ratios, n=4)
+    low, middle, high = statistics.quantiles(ratios, n=4) if pairs > 1 else 3 * ratios
     return Figure(
         what=f"servobench {name}, against import numba, scipy.optimize",
         value=middle,
@@ -66,8 +66,8 @@ def ratio(name: str, words: tuple[str, ...], pairs: int, at_most: float) -> Figu
     )
 
 
-def main(pairs: int = PAIRS) -> list[Figure]:
-    """Return the figures of this bench."""
+def main(pairs: int = PAIRS, *, warm_up: bool = True) -> list[Figure]:
+    """Return the figures of this bench; without a `warm_up` the first process of a kind counts, too."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "motor.csv"
         write_recording(file)
@@ -81,13 +81,13 @@ def main(pairs: int = PAIRS) -> list[Figure]:
             "--chain",
             "none",
         )
-        figures = [ratio("identify", ("identify", str(file), *columns), pairs, 1.5)]
+        figures = [ratio("identify", ("identify", str(file), *columns), pairs, 1.5, warm_up=warm_up)]
         for name, words in {
             "inspect": ("inspect", str(file)),
             "signals": ("signals",),
             "devices": ("devices",),
         }.items():
-            figures.append(ratio(name, words, pairs, 1.0))
+            figures.append(ratio(name, words, pairs, 1.0, warm_up=warm_up))
         lasted = sorted(wall((*SERVOBENCH, "identify", str(file), *columns)) for _ in range(pairs))
         quickest = Figure(
             what="servobench identify of 5,000 samples, the quickest of all",
@@ -100,8 +100,8 @@ def main(pairs: int = PAIRS) -> list[Figure]:
 
 
 def smallest() -> list[Figure]:
-    """Return the figures of two pairs."""
-    return main(2)
+    """Return the figures of one pair, not warmed up."""
+    return main(1, warm_up=False)
 
 
 if __name__ == "__main__":

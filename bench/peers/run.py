@@ -51,15 +51,18 @@ class Task:
     limit: float
 
 
-def made_data(folder: Path, runs: int, seed: int) -> None:
-    """Make the data unless they are there already; answers to other data are thrown away."""
+def made_data(folder: Path, runs: int, seed: int, samples: int) -> None:
+    """Make the data unless they are there already; answers to other data are thrown away.
+
+    Data of another number of `samples` are for a folder of their own.
+    """
     stamp = folder / "made.json"
     asked = json.dumps({"runs": runs, "seed": seed})
     if stamp.exists() and stamp.read_text(encoding="utf-8") == asked:
         return
     shutil.rmtree(folder / "results", ignore_errors=True)
     print(f"making the data: {runs} runs of {', '.join(make_data.SETS)}", file=sys.stderr)
-    make_data.write(folder, runs, seed)
+    make_data.write(folder, runs, seed, samples)
     stamp.write_text(asked, encoding="utf-8")
 
 
@@ -221,12 +224,12 @@ def asked(words: list[str]) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-def main(words: list[str]) -> None:
-    """Do what the command line asks for."""
+def main(words: list[str], samples: int = make_data.SAMPLES) -> None:
+    """Do what the command line asks for, with records of so many samples where they are made."""
     wish = asked(words)
     wish.folder.mkdir(parents=True, exist_ok=True)
     if not (wish.table or wish.add):
-        made_data(wish.folder, wish.runs, wish.seed)
+        made_data(wish.folder, wish.runs, wish.seed, samples)
         for tool in wish.tools or tools():
             measure(tool, wish.folder, wish.runs, wish.limit)
     for path in wish.add:
@@ -243,10 +246,11 @@ def main(words: list[str]) -> None:
 
 
 def smallest() -> list[str]:
-    """Let our own tool fit one run of each set, its page in a folder that is gone afterwards, and return the page's lines."""
+    """Let our own tool fit a short run of each set, its page in a folder that is gone afterwards, and return the page's lines."""
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "peers.md"
-        main(["--runs", "1", "--tools", *sorted(OWN), "--folder", f"{folder}/data", "--page", str(made)])
+        words = ["--runs", "1", "--tools", *sorted(OWN), "--folder", f"{folder}/data", "--page", str(made)]
+        main(words, samples=1500)
         return made.read_text(encoding="utf-8").splitlines()
 
 

@@ -18,7 +18,8 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.systems.first_order import FirstOrderMotor
-from servobench.systems.sampled_loop import SampledLaw, law_in_z, sampled_loop, sampled_margins
+from servobench.systems.sampled_loop import SampledLaw, law_in_z, sampled_loops
+from servobench.systems.stability.loop_family import margins_of_family
 from servobench.systems.transfer_function import TransferFunction
 
 _DRAWS = 400
@@ -105,8 +106,8 @@ def _tune(
     dead_time += lag
     position_gain, speed_gain, integral = simc(gain, tau, wished, dead_time)
     law = _speed_law(speed_gain, integral, sample_time, smoothing(sample_time, lag), integral_lag)
-    motors = [(gain, tau, motor.delay), *motor.draws(_DRAWS)]
-    left = np.array([_margins(law, k, t, d + measurement_delay, sample_time) for k, t, d in motors])
+    motors = np.vstack([(gain, tau, motor.delay), motor.draws(_DRAWS)])
+    phase, delay = _margins(law, motors + np.array([0.0, 0.0, measurement_delay]), sample_time)
     return Tuning(
         speed_gain=speed_gain,
         speed_integral=integral,
@@ -115,8 +116,8 @@ def _tune(
         closed_loop=wished,
         dead_time=dead_time,
         filter=lag,
-        phase_margin=_with_interval(left[:, 0]),
-        delay_margin=_with_interval(left[:, 1]),
+        phase_margin=_with_interval(phase),
+        delay_margin=_with_interval(delay),
     )
 
 
@@ -141,12 +142,16 @@ def _speed_law(
     return law_in_z(([share, 0.0], [1.0, -1.0], pi), ([sample_time, 0.0], [1.0, share - 1.0], [1.0, -1.0]))
 
 
-def _margins(
-    law: SampledLaw, gain: float, tau: float, delay: float, sample_time: float
-) -> tuple[float, float]:
-    position = TransferFunction(numerator=(gain,), denominator=(tau, 1.0, 0.0), delay=delay)
-    margins = sampled_margins(sampled_loop(law, position, sample_time, "speed"))
-    return margins.phase_margin, margins.delay_margin
+def _margins(law: SampledLaw, motors: Array, sample_time: float) -> tuple[Array, Array]:
+    """The phase margins [rad] and delay margins [s] (M,) of loops around motors (M, 3), each a gain, a time constant, a delay."""
+    positions = [
+        TransferFunction(numerator=(gain,), denominator=(tau, 1.0, 0.0), delay=delay)
+        for gain, tau, delay in motors.tolist()
+    ]
+    margins = margins_of_family(sampled_loops(law, positions, sample_time, "speed"))
+    return np.array([each.phase_margin for each in margins]), np.array(
+        [each.delay_margin for each in margins]
+    )
 
 
 def _with_interval(values: Array) -> tuple[float, float, float]:

@@ -20,7 +20,7 @@ INFO = DeviceInfo(
 )
 
 
-def stepped(controller: Any, delay: float) -> Array:
+def course_of(controller: Any, delay: float) -> Array:
     """The output and the voltage that is wanted at each tick."""
     whole, part = divmod(delay, H)
     on_its_way = deque([0.0] * (int(whole) + 2), maxlen=int(whole) + 2)
@@ -55,7 +55,7 @@ def test_a_step_is_that_of_the_law_tick_by_tick(controller: Any, delay: float) -
     # The same operations, but for the last bit of an exponential. A count's rounding may then fall the other way: 1e-9 rad and
     # 5e-7 rad/s, by gains of up to 90 V/rad and 0.2 V·s/rad 1e-7 V, and less of the output. Ten of these.
     assert (
-        np.abs(np.column_stack([response.output, response.voltage]) - stepped(controller, delay)).max()
+        np.abs(np.column_stack([response.output, response.voltage]) - course_of(controller, delay)).max()
         <= 1e-6
     )
 

@@ -6,20 +6,18 @@ Overshoot and rise time are those of Franklin, Powell and Emami-Naeini 2015, cha
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from servobench.core.channels import Array, Channel, DeviceInfo, Sample
+from servobench.core.channels import Array, Channel, DeviceInfo
 from servobench.core.errors import UsageError
 from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import Tunable
 from servobench.systems.tuning.loop import LoopValue
 
 _DRAWS = 40
-_RESOLUTION = 1e-9  # rad; finer than any encoder, for the response of the loop itself
 _LENGTHS = 12.0  # of the time that 1/gain crossover is, and of the motor's time constant
 _LEAST = 6.0  # times 1/gain crossover: a pair of poles has its overshoot after about π of these
 _SETTLED = 4.0  # time constants of the slowest pole: all but a fiftieth of its part has died out
@@ -63,29 +61,23 @@ def unit_step(
     controller: Tunable, gain: float, tau: float, delay: float, sample_time: float, ticks: int
 ) -> Response:
     """Return the response to a unit step of the reference, without friction and without a limit of the voltage."""
+    from servobench.systems.control import kernels as laws
+    from servobench.systems.tuning.kernels import RESOLUTION, follow_step
+
     info = DeviceInfo(
         name="motor",
         channels=(
             Channel(name="voltage", unit="V"),
-            Channel(name="counts", unit="counts", counts_per_rev=2 * math.pi / _RESOLUTION),
+            Channel(name="counts", unit="counts", counts_per_rev=2 * math.pi / RESOLUTION),
         ),
     )
-    # An input acts after whole ticks and a part of one, in which the one before it still does.
+    law, p, x = controller.start(sample_time, info)
+    number = (laws.pid, laws.lead, laws.state_feedback).index(law)
     whole, part = divmod(delay, sample_time)
-    waiting = int(min(whole, ticks)) + 2  # what is delayed beyond the last tick never acts
-    on_its_way = deque([0.0] * waiting, maxlen=waiting)
-    state = controller.start(sample_time, info)
-    angle = speed = 0.0
+    whole = int(min(whole, ticks))  # what is delayed beyond the last tick never acts
     course = np.empty((ticks, 2))
-    for k in range(ticks):
-        sample = Sample(index=k, time=k * sample_time, counts=math.floor(angle / _RESOLUTION))
-        state, voltage = controller.step(state, 1.0 if k else 0.0, sample)
-        course[k] = (speed if controller.output == "speed" else angle), voltage
-        on_its_way.appendleft(voltage)
-        for held, length in ((on_its_way[-1], part), (on_its_way[-2], sample_time - part)):
-            end, a = gain * held, math.exp(-length / tau)
-            angle += tau * (1 - a) * (speed - end) + length * end
-            speed = a * speed + (1 - a) * end
+    # Of one type always: another one would be compiled for.
+    follow_step(number, p, x.copy(), np.empty_like(x), float(gain), float(tau), whole, part, course)
     # The step comes at the second tick: what a law knows before is nothing.
     t: Array = (np.arange(ticks, dtype=np.float64) - 1) * sample_time
     return Response(t=t[1:], output=course[1:, 0], voltage=course[1:, 1])
