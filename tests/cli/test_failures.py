@@ -83,7 +83,7 @@ def test_who_interrupts_a_command_is_told_so_in_a_sentence(
     def interrupted(*args: object, **settings: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("servobench.recordings.loading.load.load", interrupted)
+    monkeypatch.setattr("servobench.recordings.reading.recordings_as_stated", interrupted)
 
     ended = servobench("identify", tmp_path / "any.csv")
 

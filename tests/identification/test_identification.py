@@ -350,7 +350,7 @@ def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() ->
 @pytest.mark.parametrize(
     ("cause", "consequence"),
     [("kind-mistaken", "nothing-known"), ("motion-stopped", "output-stops"), ("output-stops", "delay-negative"),
-     ("gain-falls", "speed-levels-off"), ("gain-falls", "structure-wrong"), ("speed-levels-off", "fit-by-chance"),
+     ("gain-falls", "speed-levels-off"), ("speed-levels-off", "structure-wrong"), ("speed-levels-off", "fit-by-chance"),
      ("shaft-runs-back", "structure-reverses")],
 )  # fmt: skip
 def test_what_follows_from_a_finding_that_says_more_is_not_told_beside_it(

@@ -88,7 +88,7 @@ _CONSEQUENCES = {
     "kind-mistaken": ("nothing-known",),
     "motion-stopped": ("output-stops",),
     "output-stops": ("delay-negative",),
-    "gain-falls": ("speed-levels-off", *_BENT),
+    "gain-falls": ("speed-levels-off",),
     "speed-levels-off": _BENT,
     "shaft-runs-back": ("structure-wrong", "structure-reverses", "fit-poor"),
 }
