@@ -82,14 +82,14 @@ from servobench.recordings.reading import ReadingOptions, evidence_in, further_e
 from servobench.recordings.recording import Recording
 from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 
-# What follows from another finding, which says more. Speeds that settle by the levels of the input are no chance, either.
-_BENT = ("structure-wrong", "fit-by-chance", "fit-poor", "offset-negative", "output-limited")
+# What follows from another finding, which says more; one after the other, as a finding that was left out leaves nothing else out.
+# Speeds that settle by the levels of the input are no chance, either.
 _CONSEQUENCES = {
     "kind-mistaken": ("nothing-known",),
-    "motion-stopped": ("output-stops",),
     "output-stops": ("delay-negative",),
+    "motion-stopped": ("output-stops",),
     "gain-falls": ("speed-levels-off",),
-    "speed-levels-off": _BENT,
+    "speed-levels-off": ("structure-wrong", "fit-by-chance", "fit-poor", "offset-negative", "output-limited"),
     "shaft-runs-back": ("structure-wrong", "structure-reverses", "fit-poor"),
 }
 
@@ -233,9 +233,9 @@ def _identify(
             judged = _judge(records, structure, estimator, nominal, validate_on, known)
     except NotIdentifiable as error:
         judged = replace(judged, findings=(refusal("not-identifiable", f"{error}."),))
-    findings = _without_consequences([*findings, *judged.findings])
+    findings += judged.findings
     simulated = judged.fit.fit_percent if judged.fit else np.nan
-    if is_unexplained(findings, simulated):
+    if is_unexplained(_without_consequences(findings), simulated):
         codes = {finding.code for finding in findings}
         causes = judged.causes.explain(simulated)
         new = [cause for cause in causes if cause.code not in codes and not _in_model(cause, judged.fit)]
@@ -421,11 +421,11 @@ def _operating_range(records: Sequence[Dataset]) -> OperatingRange:
 
 def _without_consequences(findings: Sequence[Finding]) -> list[Finding]:
     """The findings without those that follow from another one, which says more."""
-    codes = {finding.code for finding in findings}
-    implied = {
-        each for cause, consequences in _CONSEQUENCES.items() if cause in codes for each in consequences
-    }
-    return [finding for finding in findings if finding.code not in implied]
+    left = list(findings)
+    for cause, consequences in _CONSEQUENCES.items():
+        if any(each.code == cause for each in left):
+            left = [each for each in left if each.code not in consequences]
+    return left
 
 
 def _once(findings: Sequence[Finding]) -> list[Finding]:
