@@ -71,3 +71,11 @@ def test_steps_from_rest_that_a_single_gain_can_t_have_are_doubtful_and_not_refu
     assert "offset-negative" not in {each.code for each in result.findings}
     assert result.fit is not None
     assert result.fit.fit_percent > 80.0
+
+
+def test_a_motor_that_warms_up_on_a_short_staircase_has_no_bend() -> None:
+    """From 8 to 10.6 V a gain that falls by 13 % makes a line that begins far above zero; nothing depends on the input."""
+    levels = np.array([8.0, 9.3, 10.6])
+    settled = 20.0 * (levels - 0.2) * np.array([1.0, 0.935, 0.87])
+
+    assert not sentences(identify(speeds(levels, settled)).findings)

@@ -12,6 +12,8 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 _APART = 1.3  # times a level has to be the lowest one, to say how the speed grows
 _MUCH = 0.25  # of the highest level: a straight line through the speeds that drives without any input by more isn't friction
+_FALLEN = 0.85  # of what is proportional to the input: a motor that warms up or a supply that sags takes less
+_POOR = 50.0  # percent of the output: a model that explains less knows no offset
 _MOVES = 0.05  # of the largest speed: below it the shaft stands, or friction holds it
 _BENT = 0.1  # of the rise of the speed: what a middle level is above the straight line, twice what a settled speed may change by
 _FALLS = (
@@ -24,7 +26,8 @@ def _about(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names:
         return []
     speeds = speeds_by_level([record.data for record in fit.records])
-    offset = float(fit.model["offset_voltage"]) if "offset_voltage" in fit.model.names else 0.0
+    has_offset = "offset_voltage" in fit.model.names and fit.fit_percent >= _POOR
+    offset = float(fit.model["offset_voltage"]) if has_offset else 0.0
     for sense in (1.0, -1.0):
         levels = _in_one_sense(speeds, sense)
         if len(levels) > 1 and _drives_without_input(levels, sense * offset):
@@ -55,7 +58,7 @@ def _drives_without_input(levels: Sequence[tuple[float, float]], offset: float) 
     if fast <= slow:
         return True
     lost = low - slow / (fast - slow) * (high - low)
-    return lost - offset < -_MUCH * high
+    return lost - offset < -_MUCH * high and fast * (low - offset) < _FALLEN * slow * (high - offset)
 
 
 def _bend(levels: Sequence[tuple[float, float]]) -> tuple[float, float] | None:

@@ -71,12 +71,14 @@ def _rests(data: Dataset) -> list[_Rest]:
 
 
 def _return(data: Dataset, first: int, end: int) -> float:
-    """How far the shaft went back from the farthest point of a stretch, against the direction in which it came into it."""
-    before = data.y[max(first - _FEW, 0) : first + 1]
-    sense = np.sign(before[-1] - before[0])
+    """How far the shaft went back from the farthest point of a stretch, against the direction in which it ran on at first.
+
+    It has to run on for a while: what acts with a delay may still turn it round in the first samples.
+    """
+    sense = np.sign(data.y[first + _FEW - 1] - data.y[first])
     way = sense * data.y[first:end]
     farthest = int(np.argmax(way))
-    return float(way[farthest] - way[farthest:].min())
+    return float(way[farthest] - way[farthest:].min()) if farthest >= _FEW - 1 else 0.0
 
 
 DOUBTS.member("runs_back")(Doubt(codes=("shaft-runs-back",), about_fit=_about))
