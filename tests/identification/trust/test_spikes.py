@@ -67,6 +67,14 @@ def test_two_values_in_a_row_far_off_are_a_spike_too(at: int, sense: float) -> N
     assert spikes_of(replace(data, kind="speed", quantum=None)).tolist() == [at, at + 1]
 
 
+def test_a_measured_voltage_hides_no_spike() -> None:
+    """It differs from sample to sample by a hundredth of its range."""
+    y, noise = spin_up(), 0.01 * np.random.default_rng(3).standard_normal(200)
+    y[[150, 151]] = [43.0, 44.5]
+
+    assert spike_pairs(y, SWITCHED_ON + noise * np.ptp(SWITCHED_ON), 0.0).tolist() == [150]
+
+
 def test_a_motor_that_follows_a_short_pulse_of_its_input_has_no_spike() -> None:
     u, y = np.zeros(200), 0.1 * np.random.default_rng(1).standard_normal(200)
     u[100:102], y[101:103] = 12.0, [28.0, 30.0]

@@ -23,6 +23,9 @@ _SHORTEST = 20  # samples of a record in which one that lies off can be recognis
 _AROUND = 3  # departures that a single spike makes: its own and its neighbours'
 _AROUND_PAIR = 5  # departures that two in a row make, of two in a row: their own, and those up to two samples before and after
 _LATE = 2  # samples of delay of a motor behind its input, as it often has them
+_PLAIN = (
+    0.05  # of the input's range: a change by less, as of a measured voltage or a slow sine, makes no jump
+)
 _MOST = 0.02  # of the samples: more than that isn't a few spikes but noise
 
 
@@ -140,8 +143,9 @@ def spike_pairs(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
 
 
 def _is_undriven(u: Array, k: int) -> bool:
-    """Whether the input changes only once, or not at all, around samples k and k + 1: there and back takes two changes."""
-    return bool(np.count_nonzero(np.diff(u[max(k - 1 - _LATE, 0) : k + 3])) < 2)
+    """Whether the input plainly changes once at most around samples k and k + 1: there and back takes two changes."""
+    changes = np.abs(np.diff(u[max(k - 1 - _LATE, 0) : k + 3]))
+    return bool(np.count_nonzero(changes > _PLAIN * np.ptp(u)) < 2)
 
 
 def _goes_on(y: Array, k: int, width: int = 1) -> bool:
