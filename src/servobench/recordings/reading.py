@@ -209,11 +209,10 @@ def _read(data: object, argument: str, stated: _Said) -> tuple[Recording, ...]:
     except FormatError as error:
         from servobench.recordings.formats.text_table import OneOrTwoColumns
 
-        if not isinstance(error, OneOrTwoColumns) or not isinstance(data, str | os.PathLike):
-            raise
-        if not stated.names_second_column:
-            raise
-        return load_two_columns(data)
+        is_open = isinstance(error, OneOrTwoColumns) and stated.names_second_column
+        if is_open and isinstance(data, str | os.PathLike):
+            return load_two_columns(data)
+        raise
 
 
 def _without_empty(options: dict[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ def step(noise: NDArray[np.float64]) -> Dataset:
     """A speed after a step [rad/s] and what a sensor adds to it (600,)."""
     clean = dataset(seed=1, samples=600, sample_time=0.005, u=STEP, chain="derivative")
     size = float(clean.y.std()) * noise / noise.std()
-    return replace(clean, y=clean.y + 1.3 * size, applied=clean.applied)
+    return replace(clean, y=clean.y + 1.3 * size)
 
 
 def poor(data: Dataset) -> Finding:
@@ -41,6 +41,7 @@ def test_noise_of_a_sensor_is_named_and_what_goes_on_from_sample_to_sample_is_do
 
 def test_noise_alone_is_no_motor() -> None:
     """An output that has nothing to do with the input is noise as well."""
-    alone = replace(step(np.ones(600) + np.arange(600)), y=np.random.default_rng(3).standard_normal(600))
+    random = np.random.default_rng(3).standard_normal(600)
+    alone = replace(step(random), y=random)
 
     assert poor(alone).severity is Severity.WARNING

@@ -54,7 +54,7 @@ def test_a_bend_between_a_dead_zone_and_the_highest_level_names_the_level_where_
     ],
 )
 def test_neither_friction_nor_a_fan_is_that(settled: NDArray[np.float64]) -> None:
-    assert not sentences(identify(speeds(LEVELS, settled)).findings)
+    assert not sentences(about_fit(fitted(speeds(LEVELS, settled), "first_order_one_way")))
 
 
 def test_steps_from_rest_that_a_single_gain_can_t_have_are_doubtful_and_not_refused() -> None:
@@ -78,4 +78,4 @@ def test_a_motor_that_warms_up_on_a_short_staircase_has_no_bend() -> None:
     levels = np.array([8.0, 9.3, 10.6])
     settled = 20.0 * (levels - 0.2) * np.array([1.0, 0.935, 0.87])
 
-    assert not sentences(identify(speeds(levels, settled)).findings)
+    assert not sentences(about_fit(fitted(speeds(levels, settled), "first_order_one_way")))

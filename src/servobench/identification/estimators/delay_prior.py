@@ -214,9 +214,11 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
         else "which fits best"
     )
     rare = abs(value - prior.middle) > _RARE * prior.scale
-    check = " Check that the input is logged when it acts." if rare else ""
+    check = ""
     if value < 0 and not usual:
         check = " No motor moves before its input does: the model lacks something, or the columns are out of step."
+    elif rare:
+        check = " Check that the input is logged when it acts."
     return (warning if rare else info)(
         CODE,
         f"These data can't separate the delay from friction and the time constant. The delay is assumed to be "

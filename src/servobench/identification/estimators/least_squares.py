@@ -144,7 +144,7 @@ class Layout:
         """Return the lower and the upper bounds of the joint vector; what isn't `free` (P + ΣQ,) stays where it is, unbounded."""
         if free is None:
             return self._bounds
-        # Of a motor that is held the bounds, which take a while, are never asked.
+        # Nobody needs the bounds of a motor that is held, and they take a while.
         held = np.full(self.shared, np.inf)
         lower, upper = self._bounds if free[: self.shared].any() else self._with_own_bounds(-held, held)
         return np.where(free, lower, -np.inf), np.where(free, upper, np.inf)

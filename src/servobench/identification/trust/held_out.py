@@ -196,8 +196,7 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
     except NotIdentifiable:
         return None
     foretold = _foretold(held, other)
-    missed = float(np.sqrt(np.mean(np.concatenate([record.residual[record.valid] for record in held]) ** 2)))
-    still = max(_motion(held), missed) < _STILL * _motion(fit.records)
+    still = max(_motion(held), _misfit(held)) < _STILL * _motion(fit.records)
     if still or not foretold < _UNTOLD * _variation(held):
         return None
     return held, _record_fit(part.name, held, other, foretold)
@@ -214,14 +213,12 @@ def _start(fit: Fit, data: Dataset) -> Array:
 
 
 def _record_fit(name: str, held: Sequence[FittedRecord], fit: Fit, foretold: float) -> RecordFit:
-    samples = sum(int(record.valid.sum()) for record in held)
-    misfit = np.sqrt(sum(float(np.sum(record.residual[record.valid] ** 2)) for record in held) / samples)
     expected = float(np.hypot(fit.residual_sd, foretold))
     return RecordFit(
         name=name,
-        samples=samples,
+        samples=sum(int(record.valid.sum()) for record in held),
         fit_percent=fit_percent(held),
-        beyond=float(misfit / expected) if expected > 0 else 0.0,
+        beyond=_misfit(held) / expected if expected > 0 else 0.0,
     )
 
 
@@ -246,6 +243,11 @@ def _variation(held: Sequence[FittedRecord]) -> float:
     """The standard deviation of the output, over all parts that are left out."""
     spread = [record.data.y[record.valid] - record.data.y[record.valid].mean() for record in held]
     return float(np.sqrt(np.mean(np.concatenate(spread) ** 2)))
+
+
+def _misfit(held: Sequence[FittedRecord]) -> float:
+    """The root mean square of what is missed, over all parts that are left out."""
+    return float(np.sqrt(np.mean(np.concatenate([record.residual[record.valid] for record in held]) ** 2)))
 
 
 def _motion(records: Sequence[FittedRecord]) -> float:

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.compiled import compiled, strictly_compiled
+from servobench.core.compiled import compiled, strictly_compiled, strictly_inlined
 
 # States. The travel is a whole number of counts, exact up to 2^53: 285 years at a million counts a second.
 SEEN, TIME, TRAVEL, SLOPE, SPEED, INTEGRAL, BIAS, OWN = range(8)
@@ -35,6 +35,9 @@ K_POSITION, K_SPEED, K_REFERENCE = range(GAINS, GAINS + 3)
 _LONGEST_STEP = (
     10.0  # sample times that an integral counts at once: a law was not in charge through a longer gap
 )
+
+PID, LEAD, STATE_FEEDBACK = 1, 2, 3
+"""The numbers of the laws for `voltage_of`; 0 is none, as in open loop."""
 
 
 @compiled
@@ -116,6 +119,16 @@ def state_feedback_into(new: Array, x: Array, p: Array, reference: float, counts
     y = speed if p[FOLLOWS_SPEED] != 0.0 else position
     feedback = p[K_REFERENCE] * reference - p[K_POSITION] * position - p[K_SPEED] * speed
     return settle_voltage(new, p, dt, reference - y, feedback)
+
+
+@strictly_inlined
+def voltage_of(law: int, new: Array, x: Array, p: Array, reference: float, counts: int, time: float) -> float:
+    """Return the voltage [V] of the law of that number, and fill its next states in, `new` (X,); the rest as in the laws."""
+    if law == PID:
+        return pid_into(new, x, p, reference, counts, time)
+    if law == LEAD:
+        return lead_into(new, x, p, reference, counts, time)
+    return state_feedback_into(new, x, p, reference, counts, time)
 
 
 @strictly_compiled

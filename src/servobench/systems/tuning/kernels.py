@@ -12,7 +12,6 @@ from servobench.core.channels import Array
 from servobench.core.compiled import strictly_compiled
 from servobench.systems.control import kernels as laws
 
-PID, LEAD = 0, 1
 RESOLUTION = 1e-9
 """The angle of a count [rad], finer than any encoder, for the response of the loop itself."""
 _FAR = 2.0**61  # counts, at which the counter stays: the difference of two is one of 64 bits, too
@@ -35,22 +34,12 @@ def follow_step(
         counts = math.floor(max(-_FAR, min(_FAR, angle / RESOLUTION)))
         reference = 1.0 if k > 0 else 0.0
         course[k, 0] = speed if p[laws.FOLLOWS_SPEED] != 0.0 else angle
-        course[k, 1] = voltage_of(law, new, x, p, reference, counts, k * h)
+        course[k, 1] = laws.voltage_of(law, new, x, p, reference, counts, k * h)
         x, new = new, x
         before = course[k - whole - 1, 1] if k > whole else 0.0
         angle, speed = coast(angle, speed, gain * before, tau, part, at_part)
         held = course[k - whole, 1] if k >= whole else 0.0
         angle, speed = coast(angle, speed, gain * held, tau, h - part, at_rest)
-
-
-@strictly_compiled
-def voltage_of(law: int, new: Array, x: Array, p: Array, reference: float, counts: int, time: float) -> float:
-    """Return the voltage of a law of numbers `p` (P,) and states `x` (X,) [V], and fill the next ones in, `new` (X,)."""
-    if law == PID:
-        return laws.pid_into(new, x, p, reference, counts, time)
-    if law == LEAD:
-        return laws.lead_into(new, x, p, reference, counts, time)
-    return laws.state_feedback_into(new, x, p, reference, counts, time)
 
 
 @strictly_compiled

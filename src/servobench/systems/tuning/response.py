@@ -72,11 +72,11 @@ def unit_step(
         ),
     )
     law, p, x = controller.start(sample_time, info)
-    number = (laws.pid, laws.lead, laws.state_feedback).index(law)
+    number = laws.PID + (laws.pid, laws.lead, laws.state_feedback).index(law)  # in the order of their numbers
     whole, part = divmod(delay, sample_time)
     whole = int(min(whole, ticks))  # what is delayed beyond the last tick never acts
     course = np.empty((ticks, 2))
-    # Of one type always: another one would be compiled for.
+    # Numba would compile it anew for a whole number or NumPy's own kind.
     follow_step(number, p, x.copy(), np.empty_like(x), float(gain), float(tau), whole, part, course)
     # The step comes at the second tick: what a law knows before is nothing.
     t: Array = (np.arange(ticks, dtype=np.float64) - 1) * sample_time

@@ -61,13 +61,11 @@ def _of(data: Dataset) -> list[Finding]:
 def _rests(data: Dataset) -> list[_Rest]:
     """The stretches without an input, of a record that has an input elsewhere."""
     u = data.input_at_output
-    first, end = stretches_of_input(data)
-    still = [(a, b) for a, b in zip(first, end, strict=True) if u[a] == 0.0 and b - a >= _FEW]
-    return (
-        [_Rest(first=int(a), end=int(b), back=_return(data, int(a), int(b))) for a, b in still]
-        if u.any()
-        else []
-    )
+    if not u.any():
+        return []
+    stretches = np.column_stack(stretches_of_input(data)).tolist()
+    still = [(first, end) for first, end in stretches if u[first] == 0.0 and end - first >= _FEW]
+    return [_Rest(first=first, end=end, back=_return(data, first, end)) for first, end in still]
 
 
 def _return(data: Dataset, first: int, end: int) -> float:

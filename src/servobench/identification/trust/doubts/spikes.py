@@ -117,7 +117,7 @@ def spikes(y: Array, quantum: float) -> NDArray[np.int64]:
     beyond = (y[1:-1] - y[2:]) * (y[1:-1] - y[:-2]) > 0
     indices = np.flatnonzero((np.abs(off) > limit) & beyond) + 1
     indices = np.array([k for k in indices.tolist() if _goes_on(y, k)], dtype=np.int64)
-    return indices if len(indices) <= max(_MOST * len(y), 1) and limit > 0 else np.array([], dtype=np.int64)
+    return _if_few(indices, len(y)) if limit > 0 else np.array([], dtype=np.int64)
 
 
 def spike_pairs(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
@@ -135,11 +135,14 @@ def spike_pairs(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
     limit = _LARGE * max(float(usual[-1]), 0.5 * quantum)
     highest, lowest = np.maximum(before, after), np.minimum(before, after)
     beyond = (np.minimum(first, second) > highest) | (np.maximum(first, second) < lowest)
-    indices = np.flatnonzero((departures > limit) & beyond) + 1
-    indices = np.array(
-        [k for k in indices.tolist() if _goes_on(y, k, 2) and _is_undriven(u, k)], dtype=np.int64
-    )
-    return indices if len(indices) <= max(_MOST * len(y), 1) and limit > 0 else np.array([], dtype=np.int64)
+    candidates = (np.flatnonzero((departures > limit) & beyond) + 1).tolist()
+    indices = np.array([k for k in candidates if _goes_on(y, k, 2) and _is_undriven(u, k)], dtype=np.int64)
+    return _if_few(indices, len(y)) if limit > 0 else np.array([], dtype=np.int64)
+
+
+def _if_few(indices: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
+    """The indices (K,) of what lies off in so many samples, none where it is too many to be a few spikes."""
+    return indices if len(indices) <= max(_MOST * samples, 1) else np.array([], dtype=np.int64)
 
 
 def _is_undriven(u: Array, k: int) -> bool:

@@ -25,7 +25,6 @@ from servobench.rig.motor import kernels as motor
 from servobench.rig.motor.plant import SAME
 from servobench.systems.control import kernels as laws
 
-PID, LEAD = 1, 2
 _FAR = 2.0**62  # counts
 room_of_numbers, room_of_state = stack_room(at.NUMBERS), stack_room(at.FIRST_POINT)
 
@@ -73,7 +72,7 @@ def run_block(
             break
         commanded = reference
         if gains is not None and x is not None and after is not None:
-            commanded = control(law, x, gains, reference, counts, time, after)
+            commanded = laws.voltage_of(law, after, x, gains, reference, counts, time)
         if not (math.isfinite(reference) and math.isfinite(commanded)):
             break
         write_voltage(held, ended, coming, commanded, time)
@@ -110,18 +109,6 @@ def latch(c: Array, p: Array, s: Array, coming: Array, normals: Array, factor: A
     if s[at.TIME] - s[at.FED_AT] > p[at.TIMEOUT] or is_alarming(p, s) or stalls(p, s):
         return False
     return not (p[at.PATIENCE] > 0.0 and stands_still(p, s))
-
-
-@strictly_inlined
-def control(
-    law: int, x: Array, gains: Array, reference: float, counts: int, time: float, after: Array
-) -> float:
-    """Return the voltage of a control law, and fill its next state in."""
-    if law == PID:
-        return laws.pid_into(after, x, gains, reference, counts, time)
-    if law == LEAD:
-        return laws.lead_into(after, x, gains, reference, counts, time)
-    return laws.state_feedback_into(after, x, gains, reference, counts, time)
 
 
 @strictly_inlined
