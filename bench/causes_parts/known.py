@@ -39,7 +39,8 @@ _OWN: Mapping[str, frozenset[str]] = {
     "romi-right": frozenset({"output-spikes"}),
     "fra233": frozenset({"output-spikes"}),
     "stuck": frozenset({"output-still"}),
-    "hydraulic": frozenset({"hysteresis", "second-pole"}),
+    # The hysteresis is in its README; that the second volt adds 0.85 rad/s and the seventh 0.09 is in the file.
+    "hydraulic": frozenset({"hysteresis", "speed-by-direction", "gain-falls", "second-pole"}),
     "saturated": frozenset({"gain-falls", "dead-zone"}),
     "mislabelled": frozenset({"records-disagree"}),
     "pendulum": frozenset({"response-oscillates", "second-pole", "input-is-a-goal", "input-is-reference"}),
@@ -93,7 +94,7 @@ def _with_something_wrong() -> list[Known]:
             "hydraulic_valve_motor/MotorRotation.csv",
             "hydraulic",
             {"time": "1:s", "input": "2:V", "output": "3:rad/s"},
-            must="hysteresis",
+            must="speed-by-direction",
         ),
         _one("fra233/2026-02-06_19-57-16_Ramp.mat", "fra233", speeds),
     ]

@@ -196,7 +196,7 @@ def test_a_valve_with_hysteresis_leaves_residuals_that_object(
         "identify", path, "--time", "1:s", "--input", "2:V", "--output", "3:rad/s", "--json"
     ).result
 
-    assert {"residual-coloured", "structure-wrong", "gain-falls"} <= codes(result)
+    assert {"residual-coloured", "structure-wrong", "gain-falls", "speed-by-direction"} <= codes(result)
     assert result["parameters"]["time_constant"]["state"] == "bounded"
     assert result["verdict"] == "doubtful"
 

@@ -396,6 +396,8 @@ _TABLE = (
     FindingCode("size-absurd", "A value has a size that no servo motor has.", "Check the units."),
     FindingCode("speed-above-limit", "The guard stopped the motor because of its speed.",
         "Use a smaller voltage, or raise `limits.speed`."),
+    FindingCode("speed-by-direction", "The motor settles at two speeds under one level, by where the input came from.",
+        "Identify the way up and the way down separately.", Role.SYMPTOM),
     FindingCode("speed-derived", "A speed was made from the position, with the lag of its filter."),
     FindingCode("speed-levels-off", "The speed grows by less than the input does.",
         "Record the voltage at the motor, or identify each range of the input by itself.", Role.SYMPTOM),

@@ -15,6 +15,7 @@ from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import about_fit
 from servobench.identification.trust.doubts.lag_not_split import widen_for_lag_split
+from servobench.identification.trust.explanations.hysteresis import play
 from servobench.identification.trust.held_out import about_validation, validate_with
 from servobench.identification.trust.validation import validate
 from servobench.identification.uncertainty.identifiability import combinations, parameter_statuses
@@ -67,6 +68,13 @@ def _one_way(offset: float) -> Fit:
     """1 to 3 V; of which an offset in volts is acted on and not in the file."""
     u = np.where(np.arange(3000) % 500 < 250, 3.0, 1.0)
     return fitted(replace(driven(u + offset), u=u), "first_order_one_way")
+
+
+@cache
+def _up_and_down(width: float) -> Fit:
+    """Up to 4 V and down again, a second a level, through so many volts of play to either side."""
+    u = np.repeat([0.0, 1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0, 0.0], 500)
+    return fitted(told(u, play(u, width)), "first_order_one_way_rest")
 
 
 @cache
@@ -190,6 +198,7 @@ EXAMPLES = (
     _example("kind-mistaken", _as_speed),
     _example("output-spikes", _with_spikes),
     _example("shaft-runs-back", lambda: _on_a_spring(0.5), lambda: _on_a_spring(0.0)),
+    _example("speed-by-direction", lambda: _up_and_down(0.15), lambda: _up_and_down(0.0)),
     _example("speed-levels-off", lambda: _limited_to(1.4), lambda: _limited_to(3.0)),
     _example("structure-reverses", _one_way_that_reverses),
     Example(

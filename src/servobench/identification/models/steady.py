@@ -29,25 +29,33 @@ _PLAIN = 0.2  # of the largest speed: a change that shows how fast the speed set
 class SteadySpeed:
     """A `speed` that a motor settled at under a constant input `level`, in the units of the record.
 
-    `change` is that of the speed since the first quarter of the time under the input.
+    `change` is that of the speed since the first quarter of the time under the input, `level_before` the input before it, `time`
+    [s] that of the last sample under it, and `drift` the rate of the speed in the second half of the time, in its unit a second.
     """
 
     level: float
     speed: float
     change: float
+    level_before: float
+    time: float
+    drift: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stretches:
-    """Stretches under one input each: level, speed and change as in `SteadySpeed`, time [s], and which settled; (S,) each.
+    """Stretches under one input each: `times` [s] are how long they last, the others as in `SteadySpeed`; (S,) each.
 
+    `settled` says which of the speeds settled, `ends` are the times of their last samples [s],
     `samples` is the number of samples in all of them, `largest` the largest speed of the whole record.
     """
 
     levels: Array
     speeds: Array
     changes: Array
+    levels_before: Array
     times: Array
+    ends: Array
+    drifts: Array
     settled: NDArray[np.bool_]
     samples: int
     largest: float
@@ -66,8 +74,17 @@ def steady_speeds(data: Dataset) -> list[SteadySpeed]:
     Speeds are in the unit of the position a second, levels in that of the input; in the order of the record.
     """
     each = _stretches(data)
-    rows = np.column_stack([each.levels, each.speeds, each.changes])[each.settled]
-    return [SteadySpeed(level=level, speed=speed, change=change) for level, speed, change in rows.tolist()]
+    return [
+        SteadySpeed(
+            level=float(each.levels[n]),
+            speed=float(each.speeds[n]),
+            change=float(each.changes[n]),
+            level_before=float(each.levels_before[n]),
+            time=float(each.ends[n]),
+            drift=float(each.drifts[n]),
+        )
+        for n in np.flatnonzero(each.settled)
+    ]
 
 
 def speeds_by_level(records: Sequence[Dataset]) -> dict[float, float]:
@@ -136,11 +153,15 @@ def _stretches(data: Dataset) -> _Stretches:
     steps = 2.0 * quantum / (t[end - 1] - t[mid])
     change = np.abs(after - before) - steps
     goes_on = change > np.maximum(_SETTLING * np.abs(after - began), _NOISE * largest)
+    u = np.append(data.input_before, data.input_at_output)  # one place later than the output
     return _Stretches(
-        levels=data.input_at_output[end - 1],
+        levels=u[end],
         speeds=_mean_speeds(data, half, end),
         changes=after - began,
+        levels_before=u[first],
         times=t[end - 1] - t[first],
+        ends=t[end - 1],
+        drifts=(after - before) / (0.5 * (t[end - 1] - t[half])),
         settled=(np.maximum(change, steps) <= _SAME * largest) & ~goes_on,
         samples=int(np.sum(end - first)),
         largest=largest,
