@@ -38,6 +38,7 @@ _OWN: Mapping[str, frozenset[str]] = {
     "romi-left": frozenset({"output-spikes"}),
     "romi-right": frozenset({"output-spikes"}),
     "fra233": frozenset({"output-spikes"}),
+    "slow": frozenset({"coast-only"}),  # its input is 200 and then 0
     "stuck": frozenset({"output-still"}),
     # The hysteresis is in its README; that the second volt adds 0.85 rad/s and the seventh 0.09 is in the file.
     "hydraulic": frozenset({"hysteresis", "speed-by-direction", "gain-falls", "second-pole"}),

@@ -25,6 +25,12 @@ def fitted() -> Fit:
     return ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [dataset(seed=1, samples=2500)])
 
 
+def fitted_unsettled() -> Fit:
+    """The same of an input that changes before the motor gets to any speed."""
+    data = dataset(seed=1, kind="prbs", hold=20, samples=2500)
+    return ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+
+
 def with_spread(fit: Fit, **directions: float) -> Fit:
     """The fit with so much more standard deviation [1] along directions of the parameters, relative to their values."""
     along = np.array([directions.get(name, 0.0) for name in fit.model.names]) * np.abs(fit.model.theta)
@@ -57,7 +63,7 @@ def test_time_constant_and_delay_that_stand_for_each_other_are_known_as_their_su
 
 def test_a_combination_of_which_rounding_is_all_that_is_left_is_not_stated() -> None:
     """Gain and time constant that run to infinity together leave a quotient with no standard deviation, and not with one of 0."""
-    near, lost = (with_spread(fitted(), gain=size, time_constant=size) for size in (30.0, 1e12))
+    near, lost = (with_spread(fitted_unsettled(), gain=size, time_constant=size) for size in (30.0, 1e12))
     (acceleration,) = combinations(near)
 
     assert acceleration.name == "acceleration"
@@ -83,7 +89,7 @@ def test_an_upper_end_that_says_something_is_a_bound() -> None:
 
 
 def test_a_result_of_which_nothing_is_known_is_refused() -> None:
-    fit = with_spread(with_spread(fitted(), gain=40.0), time_constant=30.0)
+    fit = with_spread(with_spread(fitted_unsettled(), gain=40.0), time_constant=30.0)
     (finding,) = about_answers(parameter_statuses(fit), combinations(fit), fit)
 
     assert finding.code == "nothing-known"
@@ -92,16 +98,32 @@ def test_a_result_of_which_nothing_is_known_is_refused() -> None:
 
 def test_where_the_gain_may_be_zero_nothing_else_is_known() -> None:
     """A time constant is that of the answer to the input: without an answer its interval is chance, however short."""
-    fit = with_spread(fitted(), gain=2.0)
+    fit = with_spread(fitted_unsettled(), gain=2.0)
     told = parameter_statuses(fit)
     (finding,) = about_answers(told, combinations(fit), fit)
 
-    assert {each.state for each in parameter_statuses(with_spread(fitted(), gain=0.4)).values()} > {
+    assert {each.state for each in parameter_statuses(with_spread(fitted_unsettled(), gain=0.4)).values()} > {
         State.KNOWN
     }
     assert {each.state for each in told.values()} == {State.UNKNOWN}
     assert finding.code == "nothing-known"
     assert "allows any gain from" in finding.sentence
+
+
+def test_speeds_that_the_motor_settled_at_are_known_whatever_the_model_says() -> None:
+    """The reference motor turns at 23.7 (u - 0.16) rad/s; 3 V is the highest of its levels."""
+    fit = with_spread(with_spread(fitted(), gain=40.0), time_constant=30.0)
+    (speed,) = combinations(fit)
+    low, high = speed.estimate.interval
+
+    assert low < 23.7 * (3.0 - 0.16) < high
+    assert high - low == pytest.approx(0.1 * speed.estimate.value)
+    assert speed.input_level == 3.0
+    assert parameter_statuses(fit)["gain"].state is State.COMBINATION
+    assert {each.code for each in about_answers(parameter_statuses(fit), (speed,), fit)} == {
+        "known-together",
+        "parameter-unknown",
+    }
 
 
 def of_one_level_each(*points: tuple[float, float]) -> list[Dataset]:
@@ -187,7 +209,7 @@ def test_an_output_that_the_model_explains_isnt_called_unrelated_to_the_input(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A gain that may be zero beside a fit of nearly 100 % has a wide interval, and beside one of 10 % no influence."""
-    fit = with_spread(fitted(), gain=2.0)
+    fit = with_spread(fitted_unsettled(), gain=2.0)
     (follows,) = about_answers(parameter_statuses(fit), combinations(fit), fit)
     monkeypatch.setattr(Fit, "fit_percent", 10.0)
     (none,) = about_answers(parameter_statuses(fit), combinations(fit), fit)

@@ -18,7 +18,7 @@ from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _FEWEST = 8  # samples under one input
-_SAME = 0.05  # of the largest speed: what a settled one may still change by
+SETTLED = 0.05  # of the largest speed: what a settled one may still change by
 _SETTLING = 0.1  # of the way to it: what changes by more goes on
 _NOISE = 0.01  # of the largest speed: a change that may be noise
 _NEARLY_ALL = 0.8  # of the stretches in which the speed plainly changes, and of the samples
@@ -103,7 +103,7 @@ def speeds_by_level(records: Sequence[Dataset]) -> dict[float, float]:
     for level in np.unique(levels).tolist():
         at_level = levels == level
         own = speeds[at_level & settled]
-        same = len(own) > 1 and np.ptp(own) <= _SAME * largest
+        same = len(own) > 1 and np.ptp(own) <= SETTLED * largest
         if len(own) and (same or len(own) == np.count_nonzero(at_level)):
             means[level] = float(np.mean(own))
     return means
@@ -162,7 +162,7 @@ def _stretches(data: Dataset) -> _Stretches:
         times=t[end - 1] - t[first],
         ends=t[end - 1],
         drifts=(after - before) / (0.5 * (t[end - 1] - t[half])),
-        settled=(np.maximum(change, steps) <= _SAME * largest) & ~goes_on,
+        settled=(np.maximum(change, steps) <= SETTLED * largest) & ~goes_on,
         samples=int(np.sum(end - first)),
         largest=largest,
     )

@@ -15,7 +15,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
-from servobench.core.rounding import count_text, share_explained
+from servobench.core.rounding import count_text, plain, share_explained
 from servobench.identification.estimators.base import Estimator, Fit, FittedRecord, fit_percent
 from servobench.identification.estimators.output_error import simulate_record, with_start_fitted
 from servobench.identification.estimators.prediction_error import maximum_likelihood
@@ -41,6 +41,8 @@ _STILL = 0.02  # of the motion in all data: a part that neither moves nor is mis
 # Times the misfit that the rest of the data foretell. A right model behind an ideal encoder reached 1.03 in 50 records, and
 # 4.2 in 12 under a white torque, which lets the position wander.
 _BEYOND = 8.0
+# Percent of the output: a random torque that accounts for what is left beyond it may as well be a wrong model, if no test tells.
+_BY_TORQUE = 85.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,7 +112,7 @@ def about_validation(
     `others` are the records that it was tried on, where they aren't parts of those that it was fitted to.
     """
     if validation is None:
-        return [_not_validated(_training_data(fit))]
+        return [_not_validated(fit)]
     reversing = [record.name for record in others if turns_both_ways([*_training_data(fit), record])]
     if ONE_WAY in fit.model.structure.parameters and reversing and validation.fit_percent < 100 - _WORST:
         return [_reverses(reversing[0], validation.fit_percent)]
@@ -151,19 +153,22 @@ def about_validation(
     return []
 
 
-def _not_validated(data: Sequence[Dataset]) -> Finding:
+def _not_validated(fit: Fit) -> Finding:
     """A finding that no part was left out: there is none, or the rest says too little to predict it."""
-    if next(cuts_for_validation(data)[1], None) is None:
-        why, how = "the input must change both in the part left out and in the rest", "more than once"
-    else:
-        why, how = (
-            "whatever part is left out, the rest determines the model too poorly to predict it",
-            "more often",
-        )
-    return info(
-        "not-validated",
-        f"The model couldn't be tested on held-out data: {why}. Record a second run, or an input that changes {how}.",
+    untested = "couldn't be tested on held-out data"
+    if next(cuts_for_validation(_training_data(fit))[1], None) is None:
+        why = "the input must change both in the part left out and in the rest"
+        remedy = "Record a second run, or an input that changes more than once."
+        return info("not-validated", f"The model {untested}: {why}. {remedy}")
+    why = f"{untested}: whatever part is left out, the rest determines the model too poorly to predict it"
+    remedy = "Record a second run, or an input that changes more often."
+    if fit.disturbance is None or fit.fit_percent > _BY_TORQUE:
+        return info("not-validated", f"The model {why}. {remedy}")
+    left = plain(100.0 - fit.fit_percent, 2)
+    sentence = (
+        f"The model takes the {left} % of the output that it misses for a random torque, and {why}. {remedy}"
     )
+    return warning("not-validated", sentence)
 
 
 def _training_data(fit: Fit) -> list[Dataset]:
@@ -185,7 +190,7 @@ def _reverses(name: str, percent: float) -> Finding:
 def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRecord], RecordFit] | None:
     """A part simulated by a model fitted to the rest; None where the rest can't support one or doesn't tell."""
     structure, theta = fit.model.structure, fit.model.theta
-    if estimator.supports(structure, part.rest) is not None:
+    if estimator.supports(structure, part.rest) is not None or _turns_where_the_rest_does_not(fit, part):
         return None
     try:
         starts = [_start(fit, record) for record in part.rest]
@@ -200,6 +205,12 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
     if still or not foretold < _UNTOLD * _variation(held):
         return None
     return held, _record_fit(part.name, held, other, foretold)
+
+
+def _turns_where_the_rest_does_not(fit: Fit, part: Part) -> bool:
+    """Whether a part turns the other way than the rest, which then tells what two constants take of the input as a sum only."""
+    constants = [name for name in fit.model.names if name == "offset_voltage" or name.startswith("coulomb")]
+    return len(constants) > 1 and turns_both_ways([*part.rest, *part.held]) and not turns_both_ways(part.rest)
 
 
 def _start(fit: Fit, data: Dataset) -> Array:

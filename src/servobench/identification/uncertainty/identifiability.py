@@ -8,9 +8,10 @@ one level.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 
@@ -18,11 +19,14 @@ from servobench.core.channels import Array
 from servobench.core.estimate import Estimate
 from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.steady import SETTLED, speeds_by_level
 
 _KNOWN = 0.5  # of the value: half-width of a 95 % interval up to which a parameter is known
 _TOGETHER = 0.5  # the same of a combination
 _BETTER = 3.0  # times: a combination known so much better is what the record tells
 _ROUGH = 0.2  # of the value: a parameter known better than that is stated by itself all the same
+_LEVELS = 2  # that a motor settled at, for the speeds to show that they follow the input
+_WAY = np.array([0.05, 0.25, 0.5, 0.75, 0.95])  # the middle one is the usual level
 _FAR = 10.0  # times the value
 _SMALL = 0.05  # of the largest input, or of the lag: what is known to lie below that is known
 _BY_DIRECTION = ("coulomb_voltage_forward", "coulomb_voltage_backward")
@@ -91,6 +95,9 @@ def combinations(fit: Fit) -> tuple[Combination, ...]:
         for each in (make(fit) for make in (_lag, _drive, _acceleration, _acceleration_at_level))
         if each is not None and _relative(each.estimate) <= _TOGETHER and _tells_more(each, parts)
     ]
+    settled = _settled(fit) if not any("gain" in each.parameters for each in candidates) else None
+    if settled is not None and _relative(parts["gain"]) > _KNOWN:
+        candidates.append(settled)
     # The acceleration under one level follows from either of the others.
     elsewhere = any(each.name in ("acceleration", "speed_at_level") for each in candidates)
     return tuple(each for each in candidates if not (elsewhere and each.name == "acceleration_at_level"))
@@ -191,22 +198,69 @@ def _drive(fit: Fit) -> Combination | None:
     by_direction = any(name in lost for name in _BY_DIRECTION)
     if "gain" not in fit.model.names or not lost or by_direction:
         return None
-    data = fit.records[0].data
-    level = drive_level(fit)
+    levels = _levels_of_motion(fit)
+    best = _speed_at(fit, float(levels[len(levels) // 2]), lost)
+    if _relative(best.estimate) > _TOGETHER:
+        best = min(
+            (_speed_at(fit, float(level), lost) for level in levels),
+            key=lambda each: _relative(each.estimate),
+        )
+    return best
+
+
+def _speed_at(fit: Fit, level: float, lost: Sequence[str]) -> Combination:
     senses = {name: 1.0 if name == "offset_voltage" else sense_of_friction(fit, level) for name in lost}
 
     def speed(value: Mapping[str, float]) -> tuple[float, dict[str, float]]:
         left = level - sum(sense * value[name] for name, sense in senses.items())
         return value["gain"] * left, {"gain": left, **{n: -value["gain"] * s for n, s in senses.items()}}
 
+    return _at_level(fit, level, partial(_combine, fit, function=speed))
+
+
+def _settled(fit: Fit) -> Combination | None:
+    """The largest speed that the motor settled at, read off the records, where speeds under several levels grow with these.
+
+    It needs no model, and says what is known where none holds for the whole record.
+    """
+    if "gain" not in fit.model.names:
+        return None
+    speeds = speeds_by_level([record.data for record in fit.records])
+    values = np.array(list(speeds.values()))
+    error = SETTLED * float(np.abs(values).max(initial=0.0))
+    steps = np.diff(values)
+    if len(values) < _LEVELS or not (np.all(steps > error) or np.all(steps < -error)):
+        return None
+    level, speed = max(speeds.items(), key=lambda each: abs(each[1]))
+
+    def estimate(name: str, meaning: str, parameters: tuple[str, ...], unit: str) -> Combination:
+        known = Estimate(
+            value=speed, sd=error / TWO_SIDED, interval=(speed - error, speed + error), level=0.95, unit=unit
+        )
+        return Combination(name=name, meaning=meaning, parameters=parameters, estimate=known)
+
+    return _at_level(fit, level, estimate)
+
+
+def _at_level(
+    fit: Fit, level: float, estimate: Callable[[str, str, tuple[str, ...], str], Combination]
+) -> Combination:
+    """The combination that is the speed at a level of the input."""
+    data = fit.records[0].data
+    lost = [name for name in _FRICTION if name in fit.model.names]
     meaning = f"speed at {_level_in_words(level, data.input_unit)}"
-    unit = f"{data.position_unit}/s"
-    combination = _combine(fit, "speed_at_level", meaning, ("gain", *lost), unit, speed)
-    return replace(combination, input_level=level, input_unit=data.input_unit)
+    known = estimate("speed_at_level", meaning, ("gain", *lost), f"{data.position_unit}/s")
+    return replace(known, input_level=level, input_unit=data.input_unit)
 
 
 def drive_level(fit: Fit) -> float:
     """Return the input under which the motor moved for most of the way."""
+    levels = _levels_of_motion(fit)
+    return float(levels[len(levels) // 2])
+
+
+def _levels_of_motion(fit: Fit) -> Array:
+    """The levels of the input (L,), ascending, up to which the motor moved for the parts `_WAY` of its way."""
     way = u = np.zeros(0)
     for record in fit.records:
         data = record.data
@@ -214,7 +268,7 @@ def drive_level(fit: Fit) -> float:
         way, u = np.concatenate([way, np.abs(speed)]), np.concatenate([u, data.input_at_output])
     order = np.argsort(u)
     gone = np.cumsum(way[order])
-    return float(u[order][np.searchsorted(gone, 0.5 * gone[-1])]) if gone[-1] > 0 else float(u[0])
+    return u[order][np.searchsorted(gone, gone[-1] * _WAY)] if gone[-1] > 0 else np.repeat(u[:1], len(_WAY))
 
 
 def _acceleration(fit: Fit) -> Combination | None:

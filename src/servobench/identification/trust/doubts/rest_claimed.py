@@ -8,9 +8,14 @@ import numpy as np
 
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
+from servobench.identification.models.steady import steady_speeds, stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
+_COUNTS = 20.0  # of the sensor, in a window: it then shows a twentieth of the speed
+_LACKS = 0.1  # of the settled speed, in the first window: less may be nothing
+_FAR = 0.5  # of what a motor from rest lacks of its speed in the first window
+_FAST = 0.01  # s: samples that show the lag of any servo motor
 _FIRST = 5  # steps from sample to sample, the largest of which is what the motor gains in one
 _AHEAD = 2.0  # of these steps: from rest a shaft can't be as fast in the first sample
 
@@ -20,18 +25,58 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 
 
 def isnt_at_rest(data: Dataset) -> bool:
-    """Return whether a speed that is said to start at rest is higher at once than a motor gets to in two samples."""
-    if not data.starts_at_rest or data.kind != "speed" or len(data.y) <= _FIRST:
+    """Return whether a record that is said to start at rest starts faster than any motor does from rest.
+
+    A speed is higher at once than a motor gets to in two samples; a position as `_moved_before` says.
+    """
+    if not data.starts_at_rest or len(data.y) <= _FIRST:
         return False
+    if data.kind == "position":
+        return _moved_before(data)
     gained = float(np.abs(np.diff(data.y[: _FIRST + 1])).max())
     return bool(abs(data.y[0]) > max(_AHEAD * gained, data.noise))
 
 
+def _moved_before(data: Dataset) -> bool:
+    """Whether a position goes on under its first level as from another speed than zero.
+
+    In two windows of w seconds a motor from rest lacks, of the speed v that it settles at, the parts
+
+        a = τ/w (1 - q)   and   q a,   q = exp(-w/τ),
+
+    and more behind a delay. So q = b/a tells what a has to be, if b is what it lacks in the second. Where it lacks nothing,
+    τ + delay is less than a sample, which may be where samples are slow.
+    """
+    first = next(iter(steady_speeds(data)), None)
+    if first is None:
+        return False
+    starts, ends = stretches_of_input(data)
+    at = int(np.flatnonzero(ends - starts > 1)[0])  # the first sample may still be under the input before
+    start, end = int(starts[at]), int(ends[at])
+    if first.time != data.t_output[end - 1]:
+        return False
+    least = max(_COUNTS * (data.quantum or 0.0), data.noise) / (abs(first.speed) * data.sample_time or np.inf)
+    window = int(np.ceil(least))
+    places = start + window * np.arange(3)
+    if window < 1 or places[-1] >= end:
+        return False
+    speeds = np.diff(data.y[places]) / np.diff(data.t_output[places])
+    a, b = (1.0 - speeds / first.speed).tolist()
+    if a * window < 1.0 and data.sample_time <= _FAST:
+        return True
+    return bool(_LACKS < b < a and a < _FAR * (1.0 - b / a) / np.log(a / b))
+
+
 def _finding(data: Dataset) -> Finding:
-    speed = with_unit(float(data.y[0]), data.output_unit, 3)
+    if data.kind == "position":
+        how = "the shaft has a speed at once that no motor gets to so soon"
+    else:
+        how = (
+            f"its first speed is {with_unit(float(data.y[0]), data.output_unit, 3)}: the shaft turned before"
+        )
     sentence = (
-        f"{data.name}: `starts_at_rest=True` says that the record starts at rest, but its first speed is {speed}: the shaft "
-        "turned before. Leave that out, or give the rows from before the start as well."
+        f"{data.name}: `starts_at_rest=True` says that the record starts at rest, but {how}. Leave that out, or give the rows "
+        "from before the start as well."
     )
     return warning("not-at-rest", sentence, parameters=("delay", "time_constant"))
 

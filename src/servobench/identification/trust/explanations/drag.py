@@ -25,8 +25,9 @@ def _drag(case: Case) -> CauseFit | None:
     drag_regression = case.with_columns(
         [-each.filter_through_chain(w * np.abs(w)) for each, w in zip(case.motions, speeds, strict=True)]
     )
-    factor = float(drag_regression.coefficients[5] / (drag_regression.coefficients[1] or 1.0))
-    size = factor * max(float(np.percentile(np.abs(w), 99)) for w in speeds) ** 2
+    brakes, gain = float(drag_regression.coefficients[5]), float(drag_regression.coefficients[1] or 1.0)
+    factor = brakes / gain
+    size = brakes / abs(gain) * max(float(np.percentile(np.abs(w), 99)) for w in speeds) ** 2
     if not 0 < size <= max(float(np.abs(each.u).max()) for each in case.motions):
         return None
     unit = case.motions[0].data.input_unit
