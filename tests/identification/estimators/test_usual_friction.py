@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.estimators.least_squares import Minimum, lowest, minimise
 from servobench.identification.estimators.usual_friction import with_usual_friction
 from servobench.identification.models.base import STRUCTURES
@@ -43,3 +46,32 @@ def test_two_levels_tell_the_friction_themselves() -> None:
     found = held_at(0.95, data)
 
     assert with_usual_friction(ONE_WAY, [data], found) is found
+
+
+def test_what_is_held_stays_while_the_friction_becomes_usual() -> None:
+    """A delay that was taken from its prior isn't looked for again."""
+    data = dataset(seed=1, samples=1000, u=np.full(1000, 3.0))
+    found = held_at(-3.0, data)
+    delay = [parameter.name for parameter in ONE_WAY.parameters].index("delay")
+    numbers = np.arange(len(found.theta))
+    start = np.where(numbers == delay, 0.001, found.theta)
+    moved = minimise(ONE_WAY, [data], start, (numbers != 2) & (numbers != delay))
+
+    held, looked_for = (with_usual_friction(ONE_WAY, [data], moved, held) for held in ((delay,), ()))
+
+    assert held.theta[2] == looked_for.theta[2] == 0.0
+    assert held.theta[delay] == 0.001
+    assert looked_for.theta[delay] != 0.001
+
+
+def test_one_level_that_a_delay_is_expected_for_has_a_usual_friction() -> None:
+    """A speed in noise, of a motor that turns already and whose input rises by a hundredth in the first row."""
+    t = 0.002 * np.arange(45)
+    y = 63.0 - 28.0 * np.exp(-t / 0.028) + 0.8 * np.random.default_rng(3).standard_normal(45)
+    u = np.where(np.arange(45) < 1, 98.8, 100.0)
+    data = replace(dataset(seed=1, samples=45, u=u, y=y, chain="derivative"), input_before=98.8)
+
+    fit = ESTIMATORS["output_error"].fit(ONE_WAY, [data])
+
+    assert "delay-expected" in {finding.code for finding in fit.findings}
+    assert 0.0 <= fit.model["coulomb_voltage"] <= 50.0

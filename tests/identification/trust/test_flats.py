@@ -97,6 +97,18 @@ def test_a_shaft_that_is_held_under_a_constant_input_is_reported() -> None:
     assert told(blocked(recorded(u), 6.0, 8.0)) == {"output-stops"}
 
 
+def test_a_shaft_that_hasnt_moved_yet_may_be_held_by_static_friction() -> None:
+    """One that has turned under this input was stopped by something else."""
+    turning = recorded(np.full(SAMPLES, 2.0))
+    at_first, later = (
+        DOUBTS["flats"].about_data([blocked(turning, begin, begin + 2.0)])[0].sentence for begin in (0.0, 6.0)
+    )
+
+    assert "static friction held the shaft" in at_first
+    assert "static friction" not in later
+    assert "the shaft was blocked" in later
+
+
 def slow_wheel(at_rest: bool = False) -> Dataset:
     """Counts of a wheel with 24 of them in a turn, differenced: 0 or 1 a sample, or trembling on the edge of one."""
     from dataclasses import replace

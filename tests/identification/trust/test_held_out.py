@@ -14,7 +14,7 @@ from servobench.identification.estimators.output_error import OutputError, simul
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.result import Result
-from servobench.identification.trust.held_out import cross_validate, cuts_for_validation
+from servobench.identification.trust.held_out import about_validation, cross_validate, cuts_for_validation
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
 from tests.rig.motor.reference import Truth, march
@@ -207,3 +207,35 @@ def test_a_level_at_which_the_shaft_stands_is_no_part_to_predict() -> None:
     assert result.validation is not None
     assert not {record.name for record in result.validation.records} & set(still)
     assert result.validation.fit_percent > 99.0
+
+
+def test_a_part_that_turns_where_the_rest_does_not_is_no_test() -> None:
+    """A row a level, up to 70 % and the same backwards: either half tells friction and offset as a sum only."""
+    u = np.concatenate([np.arange(1.0, 71.0), -np.arange(1.0, 71.0)])
+    speed = 2.0 * np.sign(u) * np.maximum(np.abs(u) - 8.5, 0.0)  # rad/s
+    noisy = speed + 0.5 * np.random.default_rng(1).standard_normal(len(u))
+    data = dataset(seed=1, samples=len(u), sample_time=0.5, u=u, y=noisy, chain="derivative")
+
+    result = identify(data)
+
+    assert result.fit is not None
+    assert result.fit.fit_percent > 97.0
+    assert {part.name for part in cuts_for_validation([data])[1]} >= {"the stretch from 0 s to 35 s"}
+    assert result.validation is None
+    assert not {each.code for each in result.findings} & {"validation-poor", "validation-worse"}
+
+
+@pytest.mark.parametrize(("torque", "severity"), [(2e-3, "warning"), (1e-4, "info")])
+def test_a_random_torque_that_no_part_tests_is_a_doubt_where_it_is_large(
+    torque: float, severity: str
+) -> None:
+    fit = identify(
+        dataset(seed=4, kind="prbs", torque_noise=torque, samples=2000), estimator="prediction_error"
+    ).fit
+    assert fit is not None
+
+    (finding,) = about_validation(fit, None)
+
+    assert (fit.fit_percent < 85.0) is (severity == "warning")
+    assert finding.severity == severity
+    assert ("random torque" in finding.sentence) is (severity == "warning")

@@ -100,7 +100,7 @@ def where_expected(
         settled = [lowest(structure, data, (each.theta,)) for each in held]
         likeliest = _likeliest(data, (best, *settled), prior, samples)
         if likeliest is not best:
-            best, prior = likeliest, replace(prior, along=_along(likeliest, minimum, prior.at))
+            best, prior = likeliest, replace(prior, along=slope_with_delay(likeliest, minimum, prior))
     if _likeliest(data, (minimum, best), prior, samples) is best:
         return best, prior
     return (minimum, replace(prior, along=None)) if sd >= TOLD * prior.scale else None
@@ -141,12 +141,14 @@ def _cost_beside_rest(record: Dataset, prediction: Prediction) -> float:
     return float(np.sum((residual - moving - apart * rests) ** 2))
 
 
-def _along(one: Minimum, other: Minimum, at: int) -> Array | None:
-    """The change of the joint vector (P + ΣQ,) with the delay, number `at`, from one place to another; None if that is the
-    same.
+def slope_with_delay(one: Minimum, other: Minimum, prior: DelayPrior) -> Array | None:
+    """Return the change of the joint vector (P + ΣQ,) a second of delay from one place to another; None if the delay is the same.
+
+    Two searches that end at one delay, but for rounding, may leave friction and gain elsewhere in their valley, and the quotient
+    would be that by nothing.
     """
     change = other.theta - one.theta
-    return change / change[at] if change[at] else None
+    return change / change[prior.at] if abs(change[prior.at]) > _APART * prior.scale else None
 
 
 def _one_of_several(
@@ -177,7 +179,7 @@ def _one_of_several(
         return None
     best = _likeliest(data, (minimum, *others), prior, samples)
     other = others[0] if best is minimum else minimum
-    return best, replace(prior, along=_along(best, other, prior.at))
+    return best, replace(prior, along=slope_with_delay(best, other, prior))
 
 
 def surprise(fit: Fit) -> float:

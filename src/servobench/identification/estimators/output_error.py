@@ -131,6 +131,7 @@ def _roughly(
         usual = where_expected(structure, data, minimum, sd, prior)
         if usual is not None:
             minimum, used = usual
+            minimum = with_usual_friction(structure, data, minimum, held=(used.at,))
             variance, covariance = uncertainty(structure, data, minimum, used)
             findings.append(delay_prior.finding(minimum, used))
     sd = float(np.sqrt(variance))

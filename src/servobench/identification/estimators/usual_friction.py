@@ -23,8 +23,13 @@ _LARGEST = 0.5  # of the level: motors that lose more of it to friction hardly t
 _BY_CHANCE = 9.0  # in twice the log-likelihood: three standard deviations
 
 
-def with_usual_friction(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Minimum:
-    """Return the minimum, or one with a usual friction, as good within chance, where one level of the input moved the motor."""
+def with_usual_friction(
+    structure: Structure, data: Sequence[Dataset], minimum: Minimum, held: Sequence[int] = ()
+) -> Minimum:
+    """Return the minimum, or one with a usual friction, as good within chance, where one level of the input moved the motor.
+
+    The entries of the joint vector with the numbers `held` stay as they are.
+    """
     names = [parameter.name for parameter in structure.parameters]
     level = single_level(data) if {"gain", "coulomb_voltage"} <= set(names) else None
     if not level:
@@ -39,9 +44,10 @@ def with_usual_friction(structure: Structure, data: Sequence[Dataset], minimum: 
     start = minimum.theta.copy()
     start[gain] *= (1.0 - share) / (1.0 - usual)
     start[lost] = usual * driven
-    held = lowest(structure, data, (start,), np.arange(len(start)) != lost)
+    free = ~np.isin(np.arange(len(start)), (lost, *held))
+    likely = lowest(structure, data, (start,), free)
     worth = sum(
         effective_samples(jacobian_and_residual(record, prediction)[1])
         for record, prediction in zip(data, minimum.predictions, strict=True)
     )
-    return held if worth * np.log(held.cost / max(minimum.cost, 1e-300)) <= _BY_CHANCE else minimum
+    return likely if worth * np.log(likely.cost / max(minimum.cost, 1e-300)) <= _BY_CHANCE else minimum

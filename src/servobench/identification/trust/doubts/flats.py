@@ -260,9 +260,11 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
         if (np.mean(driven[rows]) > 0.3 and stays) or flat in lost:
             begin, end = (data.in_seconds(data.t_output[k]) for k in (flat.first, flat.last))
             late = ", or the input was logged ahead of the output" if flat.first == 0 else ""
+            at_first = not np.ptp(data.y[: flat.last + 1])
+            why = "static friction held the shaft, it was blocked" if at_first else "the shaft was blocked"
             sentence = (
                 f"{data.name}: from {begin} to {end} the output stands still, although the same input moves it at other times: "
-                f"the shaft was blocked or the amplifier off{late}. Leave this stretch out."
+                f"{why} or the amplifier off{late}. Leave this stretch out."
             )
             at = data.row_span(flat.first, flat.last)
             return [warning("output-stops", sentence, parameters=("gain", "time_constant"), rows=at)]

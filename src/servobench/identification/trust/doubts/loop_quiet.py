@@ -22,8 +22,8 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
         sentence = f"This closed loop reveals little about the motor. For narrower intervals use {_MORE}"
         return [info("loop-tells-little", sentence, parameters=tuple(names))]
     sentence = (
-        "In this closed loop the voltage is mostly the controller's response to noise and "
-        f"disturbances, and the motor moves too little to be identified. Use {_MORE}"
+        "In this closed loop the voltage follows from the output, and the reference changes too little or too slowly to tell "
+        f"the motor from the controller. Use {_MORE}"
     )
     return [warning("loop-tells-little", sentence, parameters=tuple(names))]
 
