@@ -88,7 +88,7 @@ _CONSEQUENCES = {
     "kind-mistaken": ("nothing-known",),
     "output-stops": ("delay-negative",),
     "motion-stopped": ("output-stops",),
-    "gain-falls": ("speed-levels-off",),
+    "gain-falls": ("speed-levels-off", "output-limited"),
     "speed-levels-off": ("structure-wrong", "fit-by-chance", "fit-poor", "offset-negative", "output-limited"),
     "shaft-runs-back": ("structure-wrong", "structure-reverses", "fit-poor"),
 }

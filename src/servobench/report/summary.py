@@ -138,7 +138,7 @@ def _model_sentence(fit: Fit, result: Result) -> str:
     if known != {"gain", "time_constant"} or not all(map(math.isfinite, estimates["gain"].interval)):
         alone = [f"{parameter_in_words(name)} {_interval(estimates[name])}" for name in sorted(known)]
         together = [f"{each.meaning} {_interval(each.estimate)}" for each in result.combinations]
-        return f"The data determine {', '.join([*alone, *together]) or 'bounds only, see the table'}."
+        return f"Known: {', '.join([*alone, *together]) or 'bounds only, see the table'}."
     gain = _interval(estimates["gain"], f"{data.position_unit}/s")
     unit = {"V": "volt", "%": "per cent", "A": "ampere"}.get(data.input_unit, data.input_unit)
     return (

@@ -48,6 +48,16 @@ def test_units_behind_numbers_are_those_of_the_columns(tmp_path: Path) -> None:
     assert columns(named)["n"] == [30.0, 40.0, 45.0]
 
 
+def test_a_unit_before_the_next_name_belongs_to_the_value_before_it(tmp_path: Path) -> None:
+    spaced = loaded(tmp_path, "".join(f"t={20 * k} ms pwm=10 n={k} rpm\n" for k in range(3)), "log.txt")
+    letter = loaded(tmp_path, "t=0 V in=3\nt=1 V in=4\nt=2 V in=4\n", "other.txt")
+
+    assert spaced["pwm"].t is not None
+    assert spaced["pwm"].t.tolist() == [0.0, 0.02, 0.04]
+    assert units(spaced)["n"] == "rpm"
+    assert "V in" in columns(letter)
+
+
 def test_a_unit_that_changes_from_row_to_row_is_never_dropped(tmp_path: Path) -> None:
     rows = "".join(f"u=2V, y={k}{'mm' if k < 5 else 'm'}\n" for k in range(10))
 

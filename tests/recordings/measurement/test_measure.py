@@ -224,7 +224,7 @@ def test_an_angle_that_wraps_is_reported_and_not_repaired(
 
 @pytest.mark.parametrize(
     ("modulus", "advice"),
-    [(2048.0, "unwrap 2048 counts"), (4096.0, "unwrap 4096 counts"), (65536.0, "unwrap 65536 counts")],
+    [(modulus, f"unwrap {modulus:.0f} counts") for modulus in (256.0, 1024.0, 2048.0, 4096.0, 65536.0)],
 )
 def test_counts_that_wrap_unasked_are_reported(modulus: float, advice: str) -> None:
     shown = (counts_of(TRAVEL) + 0.9 * modulus).round() % modulus

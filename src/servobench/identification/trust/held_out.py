@@ -42,7 +42,7 @@ _STILL = 0.02  # of the motion in all data: a part that neither moves nor is mis
 # 4.2 in 12 under a white torque, which lets the position wander.
 _BEYOND = 8.0
 # Percent of the output: a random torque that accounts for what is left beyond it may as well be a wrong model, if no test tells.
-_BY_TORQUE = 85.0
+_BY_TORQUE = 90.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

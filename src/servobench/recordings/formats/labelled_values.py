@@ -71,7 +71,23 @@ def _pairs(line: str) -> list[tuple[str, str]]:
         place = match.end()
         if place < len(line) and line[place] in "\"'":
             place += 1
-    return pairs if _END.fullmatch(line, place) else []
+    return _with_units_behind(pairs) if _END.fullmatch(line, place) else []
+
+
+def _with_units_behind(pairs: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The same with a unit that stands before a name, as in `t=40 ms pwm=3`, behind the bare number before it.
+
+    One letter but `s` may as well be the beginning of a name, as in `t=40 V in=3`.
+    """
+    moved: list[tuple[str, str]] = []
+    for name, value in pairs:
+        word, _, rest = name.partition(" ")
+        before = _WITH_UNIT.fullmatch(moved[-1][1]) if moved and rest else None
+        if before and not before["unit"] and is_unit(word) and (len(word) > 1 or word == "s"):
+            moved[-1] = moved[-1][0], f"{moved[-1][1]} {word}"
+            name = rest.strip()
+        moved.append((name, value))
+    return moved
 
 
 def _numbers_with_units(line: str) -> list[str]:

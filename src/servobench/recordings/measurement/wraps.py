@@ -14,8 +14,8 @@ from servobench.core.units import unit as unit_named
 from servobench.recordings.measurement.column import Column
 from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrap
 
-# Widths at which absolute encoders (12, 14) and counters wrap.
-_USUAL_BITS = (12, 14, 16, 24, 32)
+# Widths at which absolute encoders (10, 12, 14) and counters wrap.
+_USUAL_BITS = (8, 10, 12, 14, 16, 24, 32)
 
 
 def without_wraps(column: Column, stage: Unwrap) -> tuple[Column, list[Finding]]:
