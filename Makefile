@@ -25,7 +25,7 @@ test: $(INSTALLED)  ## run the tests, three files at a time, as many of them wai
 	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test-long: $(INSTALLED)  ## run what takes long and a test of `make test` shows in part: many runs, thousands of damaged files
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m long $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal -m long $(ARGS)
 
 check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/ruff format --check .

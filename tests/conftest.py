@@ -62,8 +62,35 @@ WAITING = ("stories", "hang", "panel", "docs", "cli", "bench", "faults")
 """Folders of tests that wait for processes and browsers, the longest first."""
 
 
+def may_take_long(path: Path) -> bool:
+    """Whether a file of tests may have some for `make test-long`: it, a fixture of its folder or `coverage` marks them."""
+    folders = [folder for folder in path.parents if folder.is_relative_to(ROOT / "tests")]
+    beside = [folder / "conftest.py" for folder in folders if folder != ROOT / "tests"]
+    return any(
+        word in file.read_text(encoding="utf-8")
+        for file in (path, *beside)
+        if file.is_file()
+        for word in ("mark.long", "coverage.RUNS")
+    )
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """For `make test-long` read only the files that may have something for it, one in ten."""
+    if config.option.markexpr != "long" or collection_path.suffix != ".py":
+        return None
+    return None if may_take_long(collection_path) else True
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put files that wait in turns with files that compute, so that neither kind has the processors, or the end, to itself."""
+    """Put files that wait in turns with files that compute, so that neither kind has the processors, or the end, to itself.
+
+    Where all files are read, a test that `make test-long` would never come across is an error.
+    """
+    long = {item.path for item in items if item.get_closest_marker("long")}
+    if missed := sorted(str(path) for path in long if not may_take_long(path)):
+        raise pytest.UsageError(
+            f"`may_take_long` of tests/conftest.py doesn't see the long tests of {missed}"
+        )
     files = list(dict.fromkeys(item.path for item in items))
     folders = {
         path: path.relative_to(ROOT / "tests").parts[0]

@@ -16,6 +16,13 @@ LOADED = re.compile(r"<(?:script|img|link|iframe|source)\b[^>]*?\b(?:src|href)=\
 
 FEW = {"index.md", "why/three-likelihoods.md", "reference/python/whole-path.md"}
 PAGES = {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}
+# Pages are trees of small things, through which the collector of garbage would go again and again: a fifth of the time.
+SPHINX = """
+import gc, sys
+from sphinx.cmd.build import main
+gc.set_threshold(200_000, 50, 100)
+sys.exit(main(sys.argv[1:]))
+"""
 LINKS = "toc,myst.xref_missing,ref"
 """The kinds of Sphinx's warnings of links to pages that are left out."""
 
@@ -36,8 +43,8 @@ def built(pages: set[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = subprocess.run(
         [
             sys.executable,
-            "-m",
-            "sphinx",
+            "-c",
+            SPHINX,
             *words,
             "-d",
             str(folder / "trees"),

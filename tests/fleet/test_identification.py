@@ -1,8 +1,7 @@
 """Every recording has one row, whatever happens to the command meanwhile."""
 
-import os
-import subprocess
-import sys
+import time
+from multiprocessing import get_all_start_methods, get_context
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,11 @@ from servobench.core.errors import UsageError
 from servobench.fleet.identification import Progress, identify_fleet
 from servobench.fleet.parts import part_files
 from servobench.fleet.settings import Settings
+from servobench.recordings.native.lease import hold
+from tests.fleet.killed import identify_row_by_row
 from tests.fleet.motors import PATTERN, SETTINGS, comparable, write_fleet, write_motor
 
 pytestmark = pytest.mark.usefixtures("quick_workers")
-
-ROOT = Path(__file__).resolve().parent.parent.parent
 
 
 @pytest.fixture(scope="module")
@@ -160,27 +159,28 @@ def test_several_stated_inputs_are_refused() -> None:
         Settings(options={"input_value": ["1:V", "2:V"]})
 
 
-PROGRAM = """
-from pathlib import Path
-from servobench.fleet import parts
-from servobench.fleet.identification import identify_fleet
-from tests.fleet.motors import SETTINGS
-if __name__ == "__main__":
-    parts._LONGEST = 0.0  # a part for each row: as many moments of writing as there can be
-    identify_fleet(Path("stand"), Path("out"), settings=SETTINGS, workers=1)
-"""
+def wait_for_the_worker(lock: Path) -> None:
+    """Wait until a command's worker has ended, too: unlike one that is started it is a fork, and has the command's lock."""
+    if lock.exists():
+        with lock.open("ab") as file:
+            until = time.monotonic() + 60
+            while not hold(file):
+                assert time.monotonic() < until
+                time.sleep(0.005)
 
 
 def begin_and_kill(folder: Path, moment: float) -> int:
-    """Run the program in a folder, kill it after a time [s], and return how many rows it has kept."""
-    process = subprocess.Popen(
-        [sys.executable, "run.py"], cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL
-    )  # fmt: skip
-    try:
-        process.wait(timeout=moment)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait(timeout=60)
+    """Begin a command in a folder, kill it after a time [s], and return how many rows it has kept."""
+    forks = get_context("forkserver" if "forkserver" in get_all_start_methods() else "spawn")
+    process = forks.Process(target=identify_row_by_row, args=(folder / "stand", folder / "out"))
+    process.start()
+    process.join(moment)
+    process.kill()
+    process.join(60)
+    assert process.exitcode is not None
+    assert process.exitcode <= 0  # it came to its end, or was killed
+    process.close()
+    wait_for_the_worker(folder / "out" / ".lock")
     return len(comparable(folder / "out")) if part_files(folder / "out") else 0
 
 
@@ -191,10 +191,9 @@ def test_a_command_that_is_killed_loses_no_row_and_makes_none_twice(
     count: int, kills: int, tmp_path: Path
 ) -> None:
     names = write_fleet(tmp_path / "stand", count)
-    (tmp_path / "run.py").write_text(PROGRAM, encoding="utf-8")
     random = np.random.default_rng(20)
     kept = 0
-    for moment in random.uniform(0.5, 4.0, kills):
+    for moment in random.uniform(0.02, 0.5, kills):
         now = begin_and_kill(tmp_path, float(moment))
         assert now >= kept  # `comparable` has looked for a second row of any file
         kept = now

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from servobench.core.errors import ServobenchError
+from servobench.recordings.loading import reader_process
 from servobench.recordings.loading.load import load
 from tests.files import refill
 from tests.processes import most_memory
@@ -28,6 +29,9 @@ _LIES = (
     2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63 - 1, 2**63, 2**64 - 1,
 )  # fmt: skip
 _NUMBERS = re.compile(rb"[0-9]+")
+_PATIENCE = (
+    5  # s of a reading process; a library that takes for ever over a file would cost all that it usually gets
+)
 
 
 def mutations(data: bytes, seed: int, count: int) -> Iterator[bytes]:
@@ -115,6 +119,7 @@ def _outcome(path: Path) -> str:
 def main(file: str, seed: str, count: str) -> None:
     """Read damaged copies of a file and print how often each thing came of it, and the most memory that it took, as JSON."""
     warnings.simplefilter("error")
+    reader_process._SECONDS = _PATIENCE
     path = Path(file)
     data = path.read_bytes()
     load(path)  # libraries are loaded, and caches filled

@@ -53,6 +53,17 @@ TWINS: dict[str, dict[str, Any]] = {
     "random torque alone": {"torque_noise": 3e-5, "current_sensor": False},
     "no current, a tachometer": {"current_sensor": False, "tachometer": True},
     "delay of 3.7 ms": {"delay": 0.0037},
+    "delay of 3.7 ms, noisy": {
+        "delay": 0.0037,
+        "torque_noise": 3e-5,
+        "current_noise": 0.02,
+        "tachometer": True,
+    },
+    "delay of a tenth of a tick, random torque": {
+        "delay": 0.0002,
+        "torque_noise": 3e-5,
+        "current_sensor": False,
+    },
     "delay of a tick, dead band": {"delay": 0.002, "dead_band": 0.3, "amplifier_resistance": 0.5},
     "no inductance": {"inductance": 0.0, "coulomb_torque": 0.0},
     "much friction": {"coulomb_torque": 8e-3, "torque_noise": 1e-5},

@@ -29,6 +29,15 @@ static uint32_t draw(void) { /* xorshift32 */
     return random_state;
 }
 
+static uint16_t bytes[256]; /* the second checksum of each byte: what the firmware, short of room, does by nibbles */
+
+static uint16_t check_by_bytes(const uint8_t *data, uint8_t length) {
+    uint16_t crc = 0;
+    while (length--)
+        crc = (uint16_t)(crc << 8) ^ bytes[(uint8_t)(crc >> 8) ^ *data++];
+    return crc;
+}
+
 static uint8_t fill_duty(uint8_t *payload) {
     duty_message *message = (duty_message *)payload;
     message->code = MESSAGE_DUTY;
@@ -73,13 +82,15 @@ uint32_t pure_damage(uint32_t frames, uint32_t seed, int table, uint32_t *accept
     uint32_t wrong = 0;
     random_state = seed;
     *accepted = *caught = 0;
+    for (int each = 0; each < 256; each++)
+        bytes[each] = check16((const uint8_t[]){(uint8_t)each}, 1);
     for (uint32_t n = 0; n < frames; n++) {
         uint8_t payload[sizeof(table_message) + 2], frame[SEND_MAX + 1];
         memset(payload, 0, sizeof payload);
         uint8_t size = table ? fill_table(payload, n) : fill_duty(payload);
         payload[1] = (uint8_t)n;
         ((duty_message *)payload)->owner = 0x5ebe;
-        uint16_t check = check16(payload, (uint8_t)(size - 2));
+        uint16_t check = check_by_bytes(payload, (uint8_t)(size - 2));
         memcpy(payload + size - 2, &check, 2);
         memcpy(sent[payload[1]], payload, size);
         int length = damage(frame, frame_encode(payload, size, frame));

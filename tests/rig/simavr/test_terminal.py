@@ -15,6 +15,7 @@ from servobench.identification.identify import identify
 from servobench.recordings.measurement.measure import measure
 from servobench.rig.devices.rig import Rig, RigSettings
 from servobench.rig.experiment import Experiment
+from tests import forks
 from tests.rig.simavr.board import MS, motor
 from tests.rig.simavr.build import needed
 from tests.rig.simavr.lockstep import Bench
@@ -171,7 +172,7 @@ def run_command(folder: Path, seed: int) -> tuple[str, dict[str, tuple[float, fl
     out = folder / str(seed)
     with terminal(**drawn_motor(seed)) as rig:
         words = ["run", "--device", f"rig:{rig.port} watchdog=500ms", "--out", str(out), "--overwrite"]
-        done = subprocess.run([sys.executable, "-m", "servobench", *words], capture_output=True, text=True)
+        done = forks.run(["-m", "servobench", *words], cwd=Path.cwd())
     said = " ".join((done.stdout + done.stderr).split())
     if done.returncode == 4 and any(words in said for words in TOO_LATE):
         return None
@@ -210,7 +211,7 @@ def commissioned(folder: Path) -> dict[str, str] | None:
     """The state of each check, by `servobench commission`; None where the computer didn't keep up and a check says so."""
     with terminal() as rig:
         words = ["commission", f"rig:{rig.port} watchdog=200ms", "--out", str(folder), "--yes", "--json"]
-        done = subprocess.run([sys.executable, "-m", "servobench", *words], capture_output=True, text=True)
+        done = forks.run(["-m", "servobench", *words], cwd=Path.cwd())
     checks = json.loads(done.stdout)["checks"]
     late = [
         each for each in checks if each["state"] == "unknown" and any(x in each["found"] for x in TOO_LATE)

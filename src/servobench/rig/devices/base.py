@@ -161,6 +161,8 @@ class Following(Protocol):
 
 def voltage_or_nan(voltage: object) -> float:
     """Return what is given as a voltage [V] as a float, NaN where it is no number; infinities stay."""
+    if type(voltage) is float:
+        return voltage
     value = math.nan
     if isinstance(voltage, int | float | np.floating | np.integer) and not isinstance(voltage, bool):
         with suppress(OverflowError):  # an integer of hundreds of digits

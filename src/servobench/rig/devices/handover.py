@@ -58,7 +58,8 @@ class Handover:
 
     A limit that nobody writes is never reached.
     Of the twin besides: its solver's `coefficients`, the voltages that are `coming` (N, 2), each with the time [s] from which it
-    acts, and what is `random` in it, with the `factor` (3, 3) of a tick's random torque where there is one.
+    acts, and what is `random` in it, with the `factors` (N, 3, 3) of a random torque in a tick and in its `parts` (N,), where
+    there is one.
     """
 
     def __init__(self) -> None:
@@ -69,7 +70,8 @@ class Handover:
         self.coefficients: Array = np.empty(0)
         self.coming: Array = np.empty((0, 2))
         self.random: np.random.Generator | None = None
-        self.factor: Array | None = None
+        self.parts: Array = np.empty(0)
+        self.factors: Array = np.empty((0, 3, 3))
         self.until = NEVER
         """The number of the first tick that a fault has to see."""
 

@@ -310,7 +310,8 @@ class Twin:
         state, now, voltage, coming = plant.course
         to.s[at.CURRENT : at.VOLTAGE + 1] = (*state, now, voltage)
         to.coming = np.array(coming, dtype=np.float64).reshape(-1, 2)
-        to.random, to.factor = self._random, plant.factor
+        to.random = self._random
+        to.parts, to.factors = plant.factors(self.settings.delay)
         if isinstance(plant.solver, Exact):
             to.coefficients = plant.solver.coefficients
 

@@ -47,6 +47,7 @@ class Plant:
         self._noise, self._random = torque_noise, random
         self.factor = disturbance_factor(physics, torque_noise, tick) if torque_noise else None
         """The factor (3, 3) that makes the effect of white torque in a tick of standard normals; None without one."""
+        self._rows: list[list[float]] = [] if self.factor is None else self.factor.tolist()
         self._now, self._voltage = 0.0, 0.0
         self.blocked = False
         self._coming: list[tuple[float, float]] = []
@@ -109,23 +110,42 @@ class Plant:
         """Add what a white torque does to a shaft that slides; one that sticks is held by friction."""
         if self.factor is None or self.state.speed == 0.0:
             return
-        factor = self.factor if step == self._tick else self._factor_of_part(step)
-        a, b, c = self._random.standard_normal(3).tolist()
         # One sum after the other, as a block of ticks adds them up; a product of matrices may add in any order.
+        current, speed, angle = self.state
+        of_current, of_speed, of_angle = self._rows if step == self._tick else self._rows_of_part(step)
+        a, b, c = self._random.standard_normal(3).tolist()
         self.state = MotorState(
-            *(
-                value + (x * a + y * b + z * c)
-                for value, (x, y, z) in zip(self.state, factor.tolist(), strict=True)
-            )
+            current + (of_current[0] * a + of_current[1] * b + of_current[2] * c),
+            speed + (of_speed[0] * a + of_speed[1] * b + of_speed[2] * c),
+            angle + (of_angle[0] * a + of_angle[1] * b + of_angle[2] * c),
         )
 
-    def _factor_of_part(self, step: float) -> Array:
-        """The same factor for a part of a tick; a delay cuts each tick into the same parts, but for rounding."""
+    def factors(self, delay: float) -> tuple[Array, Array]:
+        """The parts (N,) into which voltages that act so late [s] cut each tick, in billionths, and their factors (N, 3, 3).
+
+        The first is the whole tick. Each other one has neighbours, as it differs by rounding from tick to tick. N is 0 without a
+        random torque.
+        """
+        if self.factor is None:
+            return np.empty(0), np.empty((0, 3, 3))
+        first = delay % self._tick
+        cuts = [
+            round(length / (SAME * self._tick)) + beside
+            for length in (first, self._tick - first)
+            if SAME * self._tick < length < (1 - SAME) * self._tick
+            for beside in (0, -1, 1)
+        ]
+        of_parts = [_rows_of_step(self._physics, self._noise, cut * (SAME * self._tick)) for cut in cuts]
+        return np.array([round(1 / SAME), *cuts], dtype=np.float64), np.array([self._rows, *of_parts])
+
+    def _rows_of_part(self, step: float) -> list[list[float]]:
+        """The factor's rows for a part of a tick; a delay cuts each tick into the same parts, but for rounding."""
         part = SAME * self._tick
-        return _factor(self._physics, self._noise, round(step / part) * part)
+        return _rows_of_step(self._physics, self._noise, round(step / part) * part)
 
 
 @lru_cache(maxsize=64)
-def _factor(physics: Physics, torque_noise: float, step: float) -> Array:
-    """The factor of a step [s]; it costs a hundred times as much as what is done with it."""
-    return disturbance_factor(physics, torque_noise, step)
+def _rows_of_step(physics: Physics, torque_noise: float, step: float) -> list[list[float]]:
+    """The rows of a step's factor [s]; it costs a hundred times as much as what is done with it."""
+    rows: list[list[float]] = disturbance_factor(physics, torque_noise, step).tolist()
+    return rows

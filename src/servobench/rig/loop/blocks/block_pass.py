@@ -30,6 +30,7 @@ LAWS: tuple[type[Controller], ...] = (OpenLoop, Pid, Lead, StateFeedback)
 BLOCK_ROWS = 16_384  # that are handed on at once: a call costs as much as some hundred ticks, and these take milliseconds
 FEWEST_TICKS = 1000  # fewer are done before the compiled block is loaded, which takes 10 ms
 _LONGEST_WAIT = 512  # ticks
+_SPARE = 2  # normal numbers beyond those of a block: a tick whose sensors might find none isn't ordinary
 
 
 @runtime_checkable
@@ -171,10 +172,10 @@ class _Block:
         self._columns = 7 + sensors + (self._running is not None)
         self._rows, self._filled = np.empty((0, self._columns)), 0
         self._last: Tick | None = None
-        self._factor = np.empty((0, 3)) if self._handed.factor is None else self._handed.factor
-        # Normal numbers in a tick, at most.
+        # Normal numbers in a tick, at most: three for each part of it, one for each sensor that is noisy.
+        torques = min(len(self._handed.parts), 2)
         noisy_sensors = sum(p[k] != 0.0 for k in (at.SPEED_NOISE, at.CURRENT_NOISE))
-        self._draws = len(self._factor) + int(noisy_sensors)
+        self._draws = 3 * torques + int(noisy_sensors)
 
     def run(self, due: int, end: int) -> int:
         """Do the ticks from `due` to before `end`, and return the number of the next one."""
@@ -208,10 +209,10 @@ class _Block:
         block, count = self._handed, len(references)
         coming = np.concatenate([block.coming, np.empty((count, 2))])
         block.s[[at.FIRST_COMING, at.COMING, at.DRAWS]] = 0.0, len(block.coming), 0.0
-        with _Normals(block, count * self._draws) as normals:
+        with _Normals(block, (count * self._draws + _SPARE) if self._draws else 0) as normals:
             done = run_block(
                 block.coefficients, block.p, block.s, self._new, coming, self._law, self._gains, self._x, self._after, references,
-                normals, self._factor, self._rows[self._filled :],
+                normals, block.parts, block.factors, self._rows[self._filled :],
             )  # fmt: skip
         block.coming = coming[int(block.s[at.FIRST_COMING]) : int(block.s[at.COMING])]
         self._filled += done

@@ -42,14 +42,15 @@ def run_block(
     after: Array | None,
     references: Array,
     normals: Array,
-    factor: Array,
+    parts: Array,
+    factors: Array,
     rows: Array,
 ) -> int:
     """Do the ticks after the last one, one for each reference (N,), and return how many were ordinary; the rest isn't done.
 
     Changes `s`, the control law's state `x`, and the queue `coming` (M + N, 2) of which s says what is filled; `new` and `after`
-    are room for the next s and x. `normals` are drawn in advance, as many as the ticks may need; `factor` (3, 3) is what three
-    of them do as a random torque, (0, 3) without one.
+    are room for the next s and x. `normals` are drawn in advance, as many as the ticks may need; `factors` (N, 3, 3) are what
+    three of them do as a random torque in a whole tick and in its `parts` (N,), each in billionths; N is 0 without such a torque.
     Fills a row for each tick: time, commanded, applied, counts, tachometer and current where there are any, time due, late,
     saturated, and the reference under control.
     """
@@ -64,7 +65,7 @@ def run_block(
     done = 0
     while done < len(references):
         reference = references[done]
-        if not latch(c, held, ended, coming, normals, factor):
+        if not latch(c, held, ended, coming, normals, parts, factors):
             break
         counts, time = int(ended[at.COUNTS]), ended[at.TIME]
         looked = held[at.POLARITY] != 0.0 and gather_impulse(held, ended)
@@ -92,16 +93,18 @@ def run_block(
 
 
 @strictly_inlined
-def latch(c: Array, p: Array, s: Array, coming: Array, normals: Array, factor: Array) -> bool:
+def latch(c: Array, p: Array, s: Array, coming: Array, normals: Array, parts: Array, factors: Array) -> bool:
     """Carry the motor to the next tick, read it and check what was read; return False where that isn't ordinary."""
     s[at.INDEX] += 1.0
     now = s[at.INDEX] * p[at.TICK]
-    if not (now < math.inf and advance_to(c, p, s, coming, normals, factor, now)):
+    if not (now < math.inf and advance_to(c, p, s, coming, normals, parts, factors, now)):
         return False
     turned = np.floor(s[at.THETA] * p[at.COUNTS_PER_REV] / (2 * math.pi))
     if not -_FAR < turned < _FAR:
         return False
     counts = wrap(int(turned), int(p[at.HALF_RANGE]))
+    if len(normals) > 0 and s[at.DRAWS] + 2.0 > len(normals):
+        return False
     read_sensors(p, s, normals)
     if not (math.isfinite(s[at.SEEN_SPEED]) and math.isfinite(s[at.SEEN_CURRENT])):
         return False
@@ -113,7 +116,7 @@ def latch(c: Array, p: Array, s: Array, coming: Array, normals: Array, factor: A
 
 @strictly_inlined
 def advance_to(
-    c: Array, p: Array, s: Array, coming: Array, normals: Array, factor: Array, time: float
+    c: Array, p: Array, s: Array, coming: Array, normals: Array, parts: Array, factors: Array, time: float
 ) -> bool:
     """Carry the motor forward to a time, as `Plant.advance_to`; return False where that takes more than is here."""
     while s[at.FIRST_COMING] < s[at.COMING]:
@@ -121,14 +124,14 @@ def advance_to(
         if not coming[first, 0] <= time + SAME * p[at.TICK]:
             break
         s[at.FIRST_COMING] += 1.0
-        if not advance(c, p, s, normals, factor, coming[first, 0]):
+        if not advance(c, p, s, normals, parts, factors, coming[first, 0]):
             return False
         s[at.VOLTAGE] = coming[first, 1]
-    return advance(c, p, s, normals, factor, time)
+    return advance(c, p, s, normals, parts, factors, time)
 
 
 @strictly_inlined
-def advance(c: Array, p: Array, s: Array, normals: Array, factor: Array, time: float) -> bool:
+def advance(c: Array, p: Array, s: Array, normals: Array, parts: Array, factors: Array, time: float) -> bool:
     """Carry the motor forward under one voltage."""
     h = p[at.TICK]
     while True:
@@ -143,16 +146,27 @@ def advance(c: Array, p: Array, s: Array, normals: Array, factor: Array, time: f
             i, w, theta = motor.tick(c, i, w, theta, v)
         else:
             i, w, theta = motor.advance_switching(c, i, w, theta, v, step)
-        if len(factor) > 0 and w != 0.0:
-            if step != h:
+        if len(factors) > 0 and w != 0.0:
+            f, n = 0 if step == h else place_of(parts, step / (SAME * h)), int(s[at.DRAWS])
+            if f < 0 or n + 3 > len(normals):
                 return False
-            n = int(s[at.DRAWS])
-            i += factor[0, 0] * normals[n] + factor[0, 1] * normals[n + 1] + factor[0, 2] * normals[n + 2]
-            w += factor[1, 0] * normals[n] + factor[1, 1] * normals[n + 1] + factor[1, 2] * normals[n + 2]
-            theta += factor[2, 0] * normals[n] + factor[2, 1] * normals[n + 1] + factor[2, 2] * normals[n + 2]
+            x, y, z = normals[n], normals[n + 1], normals[n + 2]
+            i += factors[f, 0, 0] * x + factors[f, 0, 1] * y + factors[f, 0, 2] * z
+            w += factors[f, 1, 0] * x + factors[f, 1, 1] * y + factors[f, 1, 2] * z
+            theta += factors[f, 2, 0] * x + factors[f, 2, 1] * y + factors[f, 2, 2] * z
             s[at.DRAWS] += 3.0
         s[at.CURRENT], s[at.SPEED], s[at.THETA] = i, w, theta
         s[at.PLANT_TIME] = time if left <= (1 + SAME) * h else s[at.PLANT_TIME] + step
+
+
+@strictly_inlined
+def place_of(parts: Array, part: float) -> int:
+    """Return where a part of a tick stands among those that are known, but for rounding; -1 where it isn't one of them."""
+    whole = np.rint(part)
+    for k in range(1, len(parts)):
+        if parts[k] == whole:
+            return k
+    return -1
 
 
 @strictly_inlined
