@@ -20,7 +20,7 @@ STEP = 1 / 250
 
 @pytest.mark.parametrize("quantum", [0.0, STEP / 100])
 def test_a_sharp_reversal_is_no_spike(quantum: float) -> None:
-    assert spikes(TRIANGLE, quantum).tolist() == []
+    assert spikes(TRIANGLE, np.zeros(len(TRIANGLE)), quantum).tolist() == []
 
 
 @pytest.mark.parametrize("size", [20 * STEP, -20 * STEP])
@@ -28,7 +28,7 @@ def test_a_value_off_a_straight_course_is_one(size: float) -> None:
     y = TRIANGLE.copy()
     y[300] += size
 
-    assert spikes(y, STEP / 100).tolist() == [300]
+    assert spikes(y, np.zeros(len(y)), STEP / 100).tolist() == [300]
 
 
 @pytest.mark.parametrize("samples", [20, 50, 100, 149, 400])
@@ -38,14 +38,26 @@ def test_a_spike_is_found_in_a_record_of_any_length(samples: int) -> None:
     spiky = y.copy()
     spiky[samples // 2] += 60.0
 
-    assert spikes(y, 0.0).tolist() == []
-    assert spikes(spiky, 0.0).tolist() == [samples // 2]
+    assert spikes(y, np.zeros(len(y)), 0.0).tolist() == []
+    assert spikes(spiky, np.zeros(samples), 0.0).tolist() == [samples // 2]
 
 
 def test_the_corner_of_a_step_from_rest_is_no_spike_in_a_short_record() -> None:
     y = 100.0 * -np.expm1(-np.maximum(np.arange(40) - 5, 0) / 3.0)
 
-    assert spikes(y, 0.0).tolist() == []
+    assert spikes(y, np.zeros(len(y)), 0.0).tolist() == []
+    assert spikes(y, np.where(np.arange(40) < 5, 0.0, 12.0), 0.0).tolist() == []
+
+
+def test_a_motor_that_sets_off_in_a_sample_hides_no_spike() -> None:
+    """A short record that begins with 40 rad/s in a sample, and a reading that is off by 50: one only where the input stays."""
+    k = np.arange(45)
+    y = 100.0 * -np.expm1(-np.maximum(k - 5, 0) / 2.0) + 1.5 * np.random.default_rng(4).standard_normal(45)
+    step, pulse = np.where(k < 5, 0.0, 100.0), np.where((k < 5) | (k == 30), 0.0, 100.0)
+    y[31] += 50.0
+
+    assert spikes(y, step, 0.0).tolist() == [31]
+    assert spikes(y, pulse, 0.0).tolist() == []
 
 
 def spin_up(samples: int = 200) -> np.ndarray:

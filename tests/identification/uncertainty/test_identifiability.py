@@ -88,6 +88,19 @@ def test_an_upper_end_that_says_something_is_a_bound() -> None:
     assert told.state is State.BOUNDED
 
 
+def test_a_speed_that_settles_ends_what_a_time_constant_may_be() -> None:
+    """Levels of 0.4 s, under each of which the motor gets to its speed: a time constant of that time wouldn't let it."""
+    data = dataset(seed=1, samples=1000, u=np.repeat([2.0, 4.0, 3.0, 5.0, 1.0], 200))
+    fit = with_spread(
+        ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data]), time_constant=4.0
+    )
+    told = parameter_statuses(fit)["time_constant"]
+
+    assert told.state is State.BOUNDED
+    assert fit.estimates["time_constant"].interval[1] > 0.8
+    assert told.estimate.interval[1] == pytest.approx(0.4, abs=0.003)
+
+
 def test_a_result_of_which_nothing_is_known_is_refused() -> None:
     fit = with_spread(with_spread(fitted_unsettled(), gain=40.0), time_constant=30.0)
     (finding,) = about_answers(parameter_statuses(fit), combinations(fit), fit)

@@ -19,7 +19,7 @@ from servobench.core.channels import Array
 from servobench.core.estimate import Estimate
 from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.steady import SETTLED, speeds_by_level
+from servobench.identification.models.steady import SETTLED, longest_time_constant, speeds_by_level
 
 KNOWN = 0.5  # of the value: half-width of a 95 % interval up to which a parameter is known
 _TOGETHER = 0.5  # the same of a combination
@@ -95,9 +95,10 @@ def combinations(fit: Fit) -> tuple[Combination, ...]:
         for each in (make(fit) for make in (_lag, _drive, _acceleration, _acceleration_at_level))
         if each is not None and _relative(each.estimate) <= _TOGETHER and _tells_more(each, parts)
     ]
-    settled = _settled(fit) if not any("gain" in each.parameters for each in candidates) else None
-    if settled is not None and _relative(parts["gain"]) > KNOWN:
-        candidates.append(settled)
+    if not any("gain" in each.parameters for each in candidates):
+        settled = _largest_settled_speed(fit)
+        if settled is not None and _relative(parts["gain"]) > KNOWN:
+            candidates.append(settled)
     # The acceleration under one level follows from either of the others.
     elsewhere = any(each.name in ("acceleration", "speed_at_level") for each in candidates)
     return tuple(each for each in candidates if not (elsewhere and each.name == "acceleration_at_level"))
@@ -122,6 +123,9 @@ def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
     end = -low if mirrored else high
     bounded = np.isfinite([low, high]).all() and 0 < end <= _largest(fit, name)
     state = State.BOUNDED if bounded else State.UNKNOWN
+    if bounded and name == "time_constant":
+        settles_within = longest_time_constant([record.data for record in fit.records])
+        estimate = replace(estimate, interval=(low, min(high, max(settles_within, estimate.value))))
     return ParameterStatus(name=name, state=state, estimate=estimate, remedy=_remedy(name), mirrored=mirrored)
 
 
@@ -218,7 +222,7 @@ def _speed_at(fit: Fit, level: float, lost: Sequence[str]) -> Combination:
     return _at_level(fit, level, partial(_combine, fit, function=speed))
 
 
-def _settled(fit: Fit) -> Combination | None:
+def _largest_settled_speed(fit: Fit) -> Combination | None:
     """The largest speed that the motor settled at, read off the records, where speeds under several levels grow with these.
 
     It needs no model, and says what is known where none holds for the whole record.

@@ -27,17 +27,17 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 def isnt_at_rest(data: Dataset) -> bool:
     """Return whether a record that is said to start at rest starts faster than any motor does from rest.
 
-    A speed is higher at once than a motor gets to in two samples; a position as `_moved_before` says.
+    A speed is higher at once than a motor gets to in two samples; a position as `_starts_too_fast` says.
     """
     if not data.starts_at_rest or len(data.y) <= _FIRST:
         return False
     if data.kind == "position":
-        return _moved_before(data)
+        return _starts_too_fast(data)
     gained = float(np.abs(np.diff(data.y[: _FIRST + 1])).max())
     return bool(abs(data.y[0]) > max(_AHEAD * gained, data.noise))
 
 
-def _moved_before(data: Dataset) -> bool:
+def _starts_too_fast(data: Dataset) -> bool:
     """Whether a position goes on under its first level as from another speed than zero.
 
     In two windows of w seconds a motor from rest lacks, of the speed v that it settles at, the parts

@@ -26,6 +26,7 @@ _LATE = 2  # samples of delay of a motor behind its input, as it often has them
 _PLAIN = (
     0.05  # of the input's range: a change by less, as of a measured voltage or a slow sine, makes no jump
 )
+_CALM = 0.5  # of the samples: of fewer without a change of the input nearby, nothing is usual
 _MOST = 0.02  # of the samples: more than that isn't a few spikes but noise
 
 
@@ -60,7 +61,8 @@ def spikes_of(data: Dataset) -> NDArray[np.int64]:
     if any(finding.code == "angle-wraps" for finding in data.findings):
         return np.array([], dtype=np.int64)
     quantum = data.quantum or 0.0
-    single, pairs = spikes(data.y, quantum), spike_pairs(data.y, data.input_at_output, quantum)
+    u = data.input_at_output
+    single, pairs = spikes(data.y, u, quantum), spike_pairs(data.y, u, quantum)
     return np.union1d(single, np.union1d(pairs, pairs + 1)) if len(pairs) else single
 
 
@@ -103,20 +105,20 @@ def _heights(fit: Fit, which: Sequence[NDArray[np.int64]]) -> Array:
     return np.concatenate(parts)
 
 
-def spikes(y: Array, quantum: float) -> NDArray[np.int64]:
+def spikes(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
     """Return the indices (K,) of single values of y (N,) that lie far off both neighbours, on the same side of both.
 
-    The departure from the mean of the neighbours is compared with the largest of the others, and with half a quantum.
+    The departure from the mean of the neighbours is compared with the largest of the others, and with half a quantum. `u` (N,) is
+    the input at the same samples: where it changes plainly a motor sets off, and where it does so twice it may come back.
     """
     if len(y) < _SHORTEST:
         return np.array([], dtype=np.int64)
     off = y[1:-1] - 0.5 * (y[2:] + y[:-2])
     # One spike makes three of these large, which in a short record is more than two in a hundred.
-    usual = np.sort(np.abs(off))[: -max(_AROUND, round(_MOST * len(off)))]
-    limit = _LARGE * max(float(usual[-1]), 0.5 * quantum)
+    limit = _LARGE * max(_usual(np.abs(off), u, _AROUND), 0.5 * quantum)
     beyond = (y[1:-1] - y[2:]) * (y[1:-1] - y[:-2]) > 0
     indices = np.flatnonzero((np.abs(off) > limit) & beyond) + 1
-    indices = np.array([k for k in indices.tolist() if _goes_on(y, k)], dtype=np.int64)
+    indices = np.array([k for k in indices.tolist() if _goes_on(y, k) and _is_undriven(u, k)], dtype=np.int64)
     return _if_few(indices, len(y)) if limit > 0 else np.array([], dtype=np.int64)
 
 
@@ -131,13 +133,26 @@ def spike_pairs(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
     before, first, second, after = y[:-3], y[1:-2], y[2:-1], y[3:]
     across = (after - before) / 3.0
     departures = np.minimum(np.abs(first - before - across), np.abs(after - second - across))
-    usual = np.sort(departures)[: -max(_AROUND_PAIR, round(_MOST * len(departures)))]
-    limit = _LARGE * max(float(usual[-1]), 0.5 * quantum)
+    limit = _LARGE * max(_usual(departures, u, _AROUND_PAIR), 0.5 * quantum)
     highest, lowest = np.maximum(before, after), np.minimum(before, after)
     beyond = (np.minimum(first, second) > highest) | (np.maximum(first, second) < lowest)
     candidates = (np.flatnonzero((departures > limit) & beyond) + 1).tolist()
     indices = np.array([k for k in candidates if _goes_on(y, k, 2) and _is_undriven(u, k)], dtype=np.int64)
     return _if_few(indices, len(y)) if limit > 0 else np.array([], dtype=np.int64)
+
+
+def _usual(departures: Array, u: Array, around: int) -> float:
+    """The largest of departures (D,) that a spike doesn't make, nor a motor that sets off where the input (N,) plainly changes.
+
+    Number k is that of sample k + 1, and of what follows it. A spike makes so many large ones `around` it.
+    """
+    changes = np.flatnonzero(np.abs(np.diff(u)) > _PLAIN * np.ptp(u)) + 1
+    near = changes[:, None] + np.arange(-2, _LATE + 1)
+    calm = np.ones(len(u), dtype=np.bool_)
+    calm[np.clip(near - 1, 0, len(u) - 1)] = False
+    calm = calm[: len(departures)]
+    left = departures[calm] if np.mean(calm) > _CALM else departures
+    return float(np.sort(left)[: -max(around, round(_MOST * len(left)))].max(initial=0.0))
 
 
 def _if_few(indices: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
