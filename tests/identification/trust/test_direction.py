@@ -68,3 +68,11 @@ def test_neither_a_lag_nor_a_drift_is_hysteresis(
     levels: NDArray[np.float64], changes: dict[str, float]
 ) -> None:
     assert not sentences(about_fit(at_levels(levels, **changes)))
+
+
+def test_two_levels_that_come_again_are_two() -> None:
+    """Each is reached from both sides, three times."""
+    to_and_fro = np.array([0.0, 2.0, 4.0, 5.0, 4.0, 2.0])
+    levels = np.concatenate([to_and_fro, to_and_fro, to_and_fro, [0.0]])
+
+    assert not sentences(about_fit(at_levels(levels, width=0.15)))

@@ -41,7 +41,7 @@ def test_a_shaft_that_turned_before_didn_t_start_at_rest(tau: float, share: floa
 
 @pytest.mark.parametrize("sample_time", [0.002, 0.02])
 @pytest.mark.parametrize("delay", [0.0, 0.03])
-@pytest.mark.parametrize("tau", [0.01, 0.1, 0.5])
+@pytest.mark.parametrize("tau", [0.004, 0.01, 0.1, 0.5])
 def test_a_motor_that_did_start_at_rest_is_believed(tau: float, delay: float, sample_time: float) -> None:
     assert "not-at-rest" not in codes(position(tau, sample_time=sample_time, delay=delay))
 

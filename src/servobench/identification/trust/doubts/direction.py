@@ -47,7 +47,11 @@ def _about(fit: Fit) -> list[Finding]:
 def _of(data: Dataset, sense: float) -> list[Finding]:
     visits = steady_speeds(data)
     pairs = _pairs(visits, sense)
-    if len(pairs) < _FEWEST:
+    levels = np.array(
+        [abs(pair.from_below.level) for pair in pairs]
+    )  # ascending, some of them more than once
+    count = np.count_nonzero(np.diff(levels, prepend=0.0) > _ALIKE * levels.max(initial=0.0))
+    if count < _FEWEST:
         return []
     largest = max(abs(visit.speed) for visit in visits)
     mean = float(np.mean([pair.difference for pair in pairs]))
@@ -59,7 +63,7 @@ def _of(data: Dataset, sense: float) -> list[Finding]:
     level = with_unit(most.from_below.level, data.input_unit, 3)
     sentence = (
         f"{data.name}: at {level} the motor settles at {low} after a smaller input, but at {high} after a larger one, and so at "
-        f"each of {len(pairs)} levels. That is hysteresis, as of a valve or of play before the motor, which no transfer function "
+        f"each of {count} levels. That is hysteresis, as of a valve or of play before the motor, which no transfer function "
         "has: identify the way up and the way down separately, and compare."
     )
     return [warning("speed-by-direction", sentence, parameters=("gain",))]

@@ -15,7 +15,7 @@ from servobench.recordings.measurement.dataset import Dataset
 _COUNTS = 20.0  # of the sensor, in a window: it then shows a twentieth of the speed
 _LACKS = 0.1  # of the settled speed, in the first window: less may be nothing
 _FAR = 0.5  # of what a motor from rest lacks of its speed in the first window
-_FAST = 0.01  # s: samples that show the lag of any servo motor
+_LAG = 0.002, 0.01  # s: the shortest lag of a servo motor, and one that a coarse sensor has to show
 _FIRST = 5  # steps from sample to sample, the largest of which is what the motor gains in one
 _AHEAD = 2.0  # of these steps: from rest a shaft can't be as fast in the first sample
 
@@ -45,24 +45,27 @@ def _starts_too_fast(data: Dataset) -> bool:
         a = τ/w (1 - q)   and   q a,   q = exp(-w/τ),
 
     and more behind a delay. So q = b/a tells what a has to be, if b is what it lacks in the second. Where it lacks nothing,
-    τ + delay is less than a sample, which may be where samples are slow.
+    τ + delay = a w is shorter than that of any servo motor, or than a count takes.
     """
     first = next(iter(steady_speeds(data)), None)
     if first is None:
         return False
     starts, ends = stretches_of_input(data)
-    at = int(np.flatnonzero(ends - starts > 1)[0])  # the first sample may still be under the input before
-    start, end = int(starts[at]), int(ends[at])
+    at = int(np.flatnonzero(ends - starts > 1)[0])
+    # The first sample under an input ends the time in which that acts; it begins with the one before.
+    start, end = max(int(starts[at]) - 1, 0), int(ends[at])
     if first.time != data.t_output[end - 1]:
         return False
-    least = max(_COUNTS * (data.quantum or 0.0), data.noise) / (abs(first.speed) * data.sample_time or np.inf)
-    window = int(np.ceil(least))
+    pace = abs(first.speed) or np.inf
+    count = (data.quantum or 0.0) / pace  # s
+    window = int(np.ceil(max(_COUNTS * count, data.noise / pace) / data.sample_time))
     places = start + window * np.arange(3)
     if window < 1 or places[-1] >= end:
         return False
-    speeds = np.diff(data.y[places]) / np.diff(data.t_output[places])
-    a, b = (1.0 - speeds / first.speed).tolist()
-    if a * window < 1.0 and data.sample_time <= _FAST:
+    times = np.diff(data.t_output[places])
+    a, b = (1.0 - np.diff(data.y[places]) / times / first.speed).tolist()
+    shortest, longest = _LAG
+    if data.sample_time <= longest and a * times[0] < min(max(shortest, count), longest):
         return True
     return bool(_LACKS < b < a and a < _FAR * (1.0 - b / a) / np.log(a / b))
 
