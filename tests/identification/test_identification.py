@@ -13,6 +13,7 @@ from servobench.identification.identify import _without_consequences, identify
 from servobench.identification.models.nominal import nominal_values
 from servobench.identification.result import Result
 from servobench.identification.trust.missing_terms import TERMS
+from servobench.identification.uncertainty.identifiability import State
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.measure import measure
@@ -177,7 +178,17 @@ def test_a_result_has_no_number_that_json_does_not_know() -> None:
         json.dumps(result.to_dict(), allow_nan=False)
 
 
-@pytest.mark.parametrize("samples", [2, 5, 9, 15, 30])
+def test_sixty_milliseconds_of_a_step_tell_the_acceleration_alone() -> None:
+    """K (u - u_c) / τ is 23.7 · 0.84 V / 0.0998 s."""
+    result = identify(dataset(seed=1, samples=30))
+
+    assert {each.state for name, each in result.answers.items() if name != "delay"} == {State.COMBINATION}
+    (acceleration,) = result.combinations
+    assert acceleration.name == "acceleration_at_level"
+    assert acceleration.estimate.interval[0] < 23.6967 * 0.84 / 0.0998 < acceleration.estimate.interval[1]
+
+
+@pytest.mark.parametrize("samples", [2, 5, 9, 15, 25])
 def test_a_record_that_is_too_short_is_a_result_and_no_crash(samples: int) -> None:
     result = identify(dataset(seed=1, samples=samples))
     assert isinstance(result, Result)

@@ -21,7 +21,7 @@ from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.steady import SETTLED, longest_time_constant, speeds_by_level
 
-KNOWN = 0.5  # of the value: half-width of a 95 % interval up to which a parameter is known
+_KNOWN = 0.5  # of the value: half-width of a 95 % interval up to which a parameter is known
 _TOGETHER = 0.5  # the same of a combination
 _BETTER = 3.0  # times: a combination known so much better is what the record tells
 _ROUGH = 0.2  # of the value: a parameter known better than that is stated by itself all the same
@@ -97,7 +97,7 @@ def combinations(fit: Fit) -> tuple[Combination, ...]:
     ]
     if not any("gain" in each.parameters for each in candidates):
         settled = _largest_settled_speed(fit)
-        if settled is not None and _relative(parts["gain"]) > KNOWN:
+        if settled is not None and _relative(parts["gain"]) > _KNOWN:
             candidates.append(settled)
     # The acceleration under one level follows from either of the others.
     elsewhere = any(each.name in ("acceleration", "speed_at_level") for each in candidates)
@@ -139,11 +139,11 @@ def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:
     if not np.isfinite(estimate.sd):
         return False
     if name in ("gain", "time_constant", "loop_gain"):
-        return _relative(estimate) <= (_ROUGH if among else KNOWN)
+        return _relative(estimate) <= (_ROUGH if among else _KNOWN)
     if name == "delay" and estimate.half_width > max(record.data.duration for record in fit.records):
         return False
     if name == "delay" or name in _FRICTION + _GRAVITY:
-        return estimate.half_width <= max(KNOWN * abs(estimate.value), _SMALL * _size(fit, name))
+        return estimate.half_width <= max(_KNOWN * abs(estimate.value), _SMALL * _size(fit, name))
     return True
 
 

@@ -1,10 +1,9 @@
 """A time constant that isn't resolved: what hangs together with it is held to be known only for the whole of what it may be.
 
 Behind a ramp only the sum of the friction u_c and the lag a τ of a slope a is known. Where the interval of τ is wider than half
-of its value the answer is a bound from above (`answers`): it may be anything down to zero, the more so the wider it is, and all
-the way where it is as wide as its value; where there is no answer, anything up to its interval's upper end, or the record's
-length. By the normal law the others follow it with the slope C_iτ / C_ττ, and get the variance that they lack until 95 % of the
-intervals reach as far.
+of its value the answer is a bound from above (`answers`): it may be anything down to zero; where there is no answer, anything up
+to its interval's upper end, or the record's length. By the normal law the others follow it with the slope C_iτ / C_ττ, and get
+the variance that they lack until 95 % of the intervals reach as far.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy as np
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution
-from servobench.identification.uncertainty.identifiability import KNOWN, State, parameter_statuses
+from servobench.identification.uncertainty.identifiability import State, parameter_statuses
 
 SOURCE: Final = "time constant not resolved"
 _OPEN = (State.BOUNDED, State.UNKNOWN)
@@ -31,8 +30,7 @@ def with_unresolved_time_constant(fit: Fit) -> Fit:
     answer = parameter_statuses(fit)["time_constant"]
     if answer.state not in _OPEN or not 0 < variance < np.inf:
         return fit
-    half = TWO_SIDED * float(np.sqrt(variance))
-    reach = half + (value - half) * float(np.clip((half / value - KNOWN) / (1.0 - KNOWN), 0.0, 1.0))
+    reach = value
     if answer.state is State.UNKNOWN:
         longest = max(record.data.duration for record in fit.records)
         reach = max(value, min(answer.estimate.interval[1], longest) - value)

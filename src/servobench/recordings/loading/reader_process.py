@@ -103,7 +103,7 @@ class ReaderProcess:
                     output = cast("IO[bytes]", process.stdout)
                     recordings = (
                         ()
-                        if "errors" in reply
+                        if "error" in reply
                         else recordings_from_pipe(reply, output, limits.content, file.name)
                     )
                 complete = True
@@ -113,7 +113,7 @@ class ReaderProcess:
             finally:
                 if not complete:
                     self.close()
-        if "sentence" in reply and reply["nothing"]:
+        if "error" in reply:
             raise (FormatError if reply["error"] == "FormatError" else UsageError)(reply["sentence"])
         return recordings
 
