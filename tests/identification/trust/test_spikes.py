@@ -49,6 +49,15 @@ def test_the_corner_of_a_step_from_rest_is_no_spike_in_a_short_record() -> None:
     assert spikes(y, np.where(np.arange(40) < 5, 0.0, 12.0), 0.0).tolist() == []
 
 
+def test_a_spike_under_an_input_that_never_stays_is_one() -> None:
+    """A sine of 20 samples a period changes by more than a twentieth of its range in most of them."""
+    k = np.arange(400)
+    y = 50.0 * np.sin(2 * np.pi * k / 20.0 - 0.8)
+    y[201] += 200.0
+
+    assert spikes(y, np.sin(2 * np.pi * k / 20.0), 0.0).tolist() == [201]
+
+
 def test_a_motor_that_sets_off_in_a_sample_hides_no_spike() -> None:
     """A short record that begins with 40 rad/s in a sample, and a reading that is off by 50: one only where the input stays."""
     k = np.arange(45)

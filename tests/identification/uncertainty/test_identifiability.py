@@ -88,6 +88,22 @@ def test_an_upper_end_that_says_something_is_a_bound() -> None:
     assert told.state is State.BOUNDED
 
 
+def test_the_level_at_which_the_speed_is_known_is_stated() -> None:
+    """Gain and friction that vary together so that K (3 V - u_c) stays leave open the speed at 1 V, where it mostly was."""
+    u = np.where(np.arange(2500) % 500 < 460, 1.0, 3.0)
+    fit = ESTIMATORS["output_error"].fit(
+        STRUCTURES["first_order_one_way"], [dataset(seed=1, samples=2500, u=u)]
+    )
+    lost = float(fit.model["coulomb_voltage"])
+    varied = with_spread(fit, gain=2.0, coulomb_voltage=2.0 * (3.0 - lost) / lost)
+
+    speed = next(each for each in combinations(varied) if each.name == "speed_at_level")
+
+    assert speed.input_level == 3.0
+    # Of less than the 5 % that a settled speed would be known to.
+    assert speed.estimate.half_width < 0.02 * speed.estimate.value
+
+
 def test_a_speed_that_settles_ends_what_a_time_constant_may_be() -> None:
     """Levels of 0.4 s, under each of which the motor gets to its speed: a time constant of that time wouldn't let it."""
     data = dataset(seed=1, samples=1000, u=np.repeat([2.0, 4.0, 3.0, 5.0, 1.0], 200))

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import partial
 
 import numpy as np
 
@@ -95,10 +94,10 @@ def combinations(fit: Fit) -> tuple[Combination, ...]:
         for each in (make(fit) for make in (_lag, _drive, _acceleration, _acceleration_at_level))
         if each is not None and _relative(each.estimate) <= _TOGETHER and _tells_more(each, parts)
     ]
-    if not any("gain" in each.parameters for each in candidates):
+    vague = "gain" in parts and _relative(parts["gain"]) > _KNOWN
+    if vague and not any("gain" in each.parameters for each in candidates):
         settled = _largest_settled_speed(fit)
-        if settled is not None and _relative(parts["gain"]) > _KNOWN:
-            candidates.append(settled)
+        candidates += [] if settled is None else [settled]
     # The acceleration under one level follows from either of the others.
     elsewhere = any(each.name in ("acceleration", "speed_at_level") for each in candidates)
     return tuple(each for each in candidates if not (elsewhere and each.name == "acceleration_at_level"))
@@ -202,24 +201,22 @@ def _drive(fit: Fit) -> Combination | None:
     by_direction = any(name in lost for name in _BY_DIRECTION)
     if "gain" not in fit.model.names or not lost or by_direction:
         return None
-    levels = _levels_of_motion(fit)
-    best = _speed_at(fit, float(levels[len(levels) // 2]), lost)
-    if _relative(best.estimate) > _TOGETHER:
-        best = min(
-            (_speed_at(fit, float(level), lost) for level in levels),
-            key=lambda each: _relative(each.estimate),
-        )
-    return best
+    usual = _speed_at(fit, drive_level(fit), lost)
+    if _relative(usual.estimate) <= _TOGETHER:
+        return usual
+    others = (_speed_at(fit, float(level), lost) for level in _levels_of_motion(fit))
+    return min(others, key=lambda each: _relative(each.estimate))
 
 
 def _speed_at(fit: Fit, level: float, lost: Sequence[str]) -> Combination:
+    """The speed that a level of the input leads to, by the model."""
     senses = {name: 1.0 if name == "offset_voltage" else sense_of_friction(fit, level) for name in lost}
 
     def speed(value: Mapping[str, float]) -> tuple[float, dict[str, float]]:
         left = level - sum(sense * value[name] for name, sense in senses.items())
         return value["gain"] * left, {"gain": left, **{n: -value["gain"] * s for n, s in senses.items()}}
 
-    return _at_level(fit, level, partial(_combine, fit, function=speed))
+    return _at_level(fit, level, _estimate(fit, _speed_unit(fit), speed))
 
 
 def _largest_settled_speed(fit: Fit) -> Combination | None:
@@ -227,8 +224,6 @@ def _largest_settled_speed(fit: Fit) -> Combination | None:
 
     It needs no model, and says what is known where none holds for the whole record.
     """
-    if "gain" not in fit.model.names:
-        return None
     speeds = speeds_by_level([record.data for record in fit.records])
     values = np.array(list(speeds.values()))
     error = SETTLED * float(np.abs(values).max(initial=0.0))
@@ -236,25 +231,26 @@ def _largest_settled_speed(fit: Fit) -> Combination | None:
     if len(values) < _LEVELS or not (np.all(steps > error) or np.all(steps < -error)):
         return None
     level, speed = max(speeds.items(), key=lambda each: abs(each[1]))
-
-    def estimate(name: str, meaning: str, parameters: tuple[str, ...], unit: str) -> Combination:
-        known = Estimate(
-            value=speed, sd=error / TWO_SIDED, interval=(speed - error, speed + error), level=0.95, unit=unit
-        )
-        return Combination(name=name, meaning=meaning, parameters=parameters, estimate=known)
-
-    return _at_level(fit, level, estimate)
+    interval = (speed - error, speed + error)
+    known = Estimate(value=speed, sd=error / TWO_SIDED, interval=interval, level=0.95, unit=_speed_unit(fit))
+    return _at_level(fit, level, known)
 
 
-def _at_level(
-    fit: Fit, level: float, estimate: Callable[[str, str, tuple[str, ...], str], Combination]
-) -> Combination:
+def _at_level(fit: Fit, level: float, estimate: Estimate) -> Combination:
     """The combination that is the speed at a level of the input."""
-    data = fit.records[0].data
-    lost = [name for name in _FRICTION if name in fit.model.names]
-    meaning = f"speed at {_level_in_words(level, data.input_unit)}"
-    known = estimate("speed_at_level", meaning, ("gain", *lost), f"{data.position_unit}/s")
-    return replace(known, input_level=level, input_unit=data.input_unit)
+    unit = fit.records[0].data.input_unit
+    return Combination(
+        name="speed_at_level",
+        meaning=f"speed at {_level_in_words(level, unit)}",
+        parameters=("gain", *(name for name in _FRICTION if name in fit.model.names)),
+        estimate=estimate,
+        input_level=level,
+        input_unit=unit,
+    )
+
+
+def _speed_unit(fit: Fit) -> str:
+    return f"{fit.records[0].data.position_unit}/s"
 
 
 def drive_level(fit: Fit) -> float:
@@ -329,12 +325,20 @@ def _combine(
     unit: str,
     function: Callable[[Mapping[str, float]], tuple[float, dict[str, float]]],
 ) -> Combination:
+    return Combination(
+        name=name, meaning=meaning, parameters=parameters, estimate=_estimate(fit, unit, function)
+    )
+
+
+def _estimate(
+    fit: Fit, unit: str, function: Callable[[Mapping[str, float]], tuple[float, dict[str, float]]]
+) -> Estimate:
+    """The value of a function of the parameters, which returns its slopes as well, with the interval that they give it."""
     value, slopes = function(dict(zip(fit.model.names, map(float, fit.model.theta), strict=True)))
     gradient = np.array([slopes.get(each, 0.0) for each in fit.model.names])
     sd = float(np.sqrt(_quadratic(gradient, fit.covariance)))
     half = TWO_SIDED * sd
-    estimate = Estimate(value=value, sd=sd, interval=(value - half, value + half), level=0.95, unit=unit)
-    return Combination(name=name, meaning=meaning, parameters=parameters, estimate=estimate)
+    return Estimate(value=value, sd=sd, interval=(value - half, value + half), level=0.95, unit=unit)
 
 
 def _quadratic(gradient: Array, covariance: Array) -> float:

@@ -45,9 +45,8 @@ class Plant:
         self.solver = solver
         self._physics, self._tick = physics, tick
         self._noise, self._random = torque_noise, random
-        self.factor = disturbance_factor(physics, torque_noise, tick) if torque_noise else None
-        """The factor (3, 3) that makes the effect of white torque in a tick of standard normals; None without one."""
-        self._rows: list[list[float]] = [] if self.factor is None else self.factor.tolist()
+        # The rows of the factor (3, 3) that makes the effect of white torque in a tick of standard normals; none without one.
+        self._rows = _rows_of_step(physics, torque_noise, tick) if torque_noise else []
         self._now, self._voltage = 0.0, 0.0
         self.blocked = False
         self._coming: list[tuple[float, float]] = []
@@ -108,7 +107,7 @@ class Plant:
 
     def _disturb(self, step: float) -> None:
         """Add what a white torque does to a shaft that slides; one that sticks is held by friction."""
-        if self.factor is None or self.state.speed == 0.0:
+        if not self._rows or self.state.speed == 0.0:
             return
         # One sum after the other, as a block of ticks adds them up; a product of matrices may add in any order.
         current, speed, angle = self.state
@@ -126,7 +125,7 @@ class Plant:
         The first is the whole tick. Each other one has neighbours, as it differs by rounding from tick to tick. N is 0 without a
         random torque.
         """
-        if self.factor is None:
+        if not self._rows:
             return np.empty(0), np.empty((0, 3, 3))
         first = delay % self._tick
         cuts = [

@@ -41,15 +41,17 @@ class _Pair:
 def _about(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names:
         return []
-    return [finding for record in fit.records for sense in (1.0, -1.0) for finding in _of(record.data, sense)]
+    every = [(record.data, steady_speeds(record.data)) for record in fit.records]
+    return [
+        finding for data, visits in every for sense in (1.0, -1.0) for finding in _of(data, visits, sense)
+    ]
 
 
-def _of(data: Dataset, sense: float) -> list[Finding]:
-    visits = steady_speeds(data)
+def _of(data: Dataset, visits: Sequence[SteadySpeed], sense: float) -> list[Finding]:
+    """Whether each level of one sign has a speed of its own for either direction, beyond what a drift explains."""
     pairs = _pairs(visits, sense)
-    levels = np.array(
-        [abs(pair.from_below.level) for pair in pairs]
-    )  # ascending, some of them more than once
+    # Ascending, and some of them more than once.
+    levels = np.array([abs(pair.from_below.level) for pair in pairs])
     count = np.count_nonzero(np.diff(levels, prepend=0.0) > _ALIKE * levels.max(initial=0.0))
     if count < _FEWEST:
         return []

@@ -71,12 +71,12 @@ def _starts_too_fast(data: Dataset) -> bool:
 
 
 def _finding(data: Dataset) -> Finding:
-    if data.kind == "position":
-        how = "the shaft has a speed at once that no motor gets to so soon"
-    else:
-        how = (
-            f"its first speed is {with_unit(float(data.y[0]), data.output_unit, 3)}: the shaft turned before"
-        )
+    first = with_unit(float(data.y[0]), data.output_unit, 3)
+    how = (
+        "the shaft has a speed at once that no motor gets to so soon"
+        if data.kind == "position"
+        else f"its first speed is {first}: the shaft turned before"
+    )
     sentence = (
         f"{data.name}: `starts_at_rest=True` says that the record starts at rest, but {how}. Leave that out, or give the rows "
         "from before the start as well."

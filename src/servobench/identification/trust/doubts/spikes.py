@@ -109,16 +109,19 @@ def spikes(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
     """Return the indices (K,) of single values of y (N,) that lie far off both neighbours, on the same side of both.
 
     The departure from the mean of the neighbours is compared with the largest of the others, and with half a quantum. `u` (N,) is
-    the input at the same samples: where it changes plainly a motor sets off, and where it does so twice it may come back.
+    the input at the same samples: where that stays, only departures count that a motor doesn't make by setting off.
     """
     if len(y) < _SHORTEST:
         return np.array([], dtype=np.int64)
-    off = y[1:-1] - 0.5 * (y[2:] + y[:-2])
+    off = np.abs(y[1:-1] - 0.5 * (y[2:] + y[:-2]))
     # One spike makes three of these large, which in a short record is more than two in a hundred.
-    limit = _LARGE * max(_usual(np.abs(off), u, _AROUND), 0.5 * quantum)
+    limit, anywhere = (
+        _LARGE * max(_usual(each, _AROUND), 0.5 * quantum) for each in (_where_calm(off, u), off)
+    )
     beyond = (y[1:-1] - y[2:]) * (y[1:-1] - y[:-2]) > 0
-    indices = np.flatnonzero((np.abs(off) > limit) & beyond) + 1
-    indices = np.array([k for k in indices.tolist() if _goes_on(y, k) and _is_undriven(u, k)], dtype=np.int64)
+    candidates = (np.flatnonzero((off > limit) & beyond) + 1).tolist()
+    stands_out = [k for k in candidates if _goes_on(y, k) and (off[k - 1] > anywhere or _is_undriven(u, k))]
+    indices = np.array(stands_out, dtype=np.int64)
     return _if_few(indices, len(y)) if limit > 0 else np.array([], dtype=np.int64)
 
 
@@ -133,7 +136,7 @@ def spike_pairs(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
     before, first, second, after = y[:-3], y[1:-2], y[2:-1], y[3:]
     across = (after - before) / 3.0
     departures = np.minimum(np.abs(first - before - across), np.abs(after - second - across))
-    limit = _LARGE * max(_usual(departures, u, _AROUND_PAIR), 0.5 * quantum)
+    limit = _LARGE * max(_usual(_where_calm(departures, u), _AROUND_PAIR), 0.5 * quantum)
     highest, lowest = np.maximum(before, after), np.minimum(before, after)
     beyond = (np.minimum(first, second) > highest) | (np.maximum(first, second) < lowest)
     candidates = (np.flatnonzero((departures > limit) & beyond) + 1).tolist()
@@ -141,18 +144,22 @@ def spike_pairs(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
     return _if_few(indices, len(y)) if limit > 0 else np.array([], dtype=np.int64)
 
 
-def _usual(departures: Array, u: Array, around: int) -> float:
-    """The largest of departures (D,) that a spike doesn't make, nor a motor that sets off where the input (N,) plainly changes.
+def _where_calm(departures: Array, u: Array) -> Array:
+    """The departures (D,) without those of a motor that sets off, around plain changes of the input u (N,).
 
-    Number k is that of sample k + 1, and of what follows it. A spike makes so many large ones `around` it.
+    Number k is that of sample k + 1 and of what follows it. All of them where fewer than half would be left.
     """
     changes = np.flatnonzero(np.abs(np.diff(u)) > _PLAIN * np.ptp(u)) + 1
     near = changes[:, None] + np.arange(-2, _LATE + 1)
     calm = np.ones(len(u), dtype=np.bool_)
     calm[np.clip(near - 1, 0, len(u) - 1)] = False
     calm = calm[: len(departures)]
-    left = departures[calm] if np.mean(calm) > _CALM else departures
-    return float(np.sort(left)[: -max(around, round(_MOST * len(left)))].max(initial=0.0))
+    return departures[calm] if np.mean(calm) > _CALM else departures
+
+
+def _usual(departures: Array, around: int) -> float:
+    """The largest of departures (D,) that a spike doesn't make, which makes so many large ones `around` it."""
+    return float(np.sort(departures)[: -max(around, round(_MOST * len(departures)))].max(initial=0.0))
 
 
 def _if_few(indices: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
