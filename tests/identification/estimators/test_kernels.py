@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from servobench.identification.estimators import kernels
 from servobench.identification.estimators.disturbance import Blocks, Linearisation
+from servobench.identification.estimators.symmetric import solve
 from servobench.identification.models.turning import Sliding
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from tests.datasets import dataset
@@ -113,7 +114,7 @@ def test_harmonics_are_cosines_and_sines_of_the_fraction_of_a_period() -> None:
         np.testing.assert_allclose(found[2 * m + 1], np.sin((m + 1) * fraction), atol=100 * EPS)
 
 
-def test_the_equations_of_a_step_leave_out_what_cannot_move() -> None:
+def test_a_step_leaves_out_what_cannot_move() -> None:
     """Of five one is held, one is pressed against its bound, one without effect; at a bound that it leaves, one moves."""
     random = np.random.default_rng(5)
     x = random.normal(size=(20, 5))
@@ -121,16 +122,57 @@ def test_the_equations_of_a_step_leave_out_what_cannot_move() -> None:
     h, g = x.T @ x, np.array([1.0, -1.0, 2.0, 1.0, 3.0])
     theta, lower, upper = np.zeros(5), np.array([-1.0, 0.0, -1.0, -1.0, 0.0]), np.ones(5)
     moves = np.array([True, True, False, True, True])
-    active, scale = np.empty(5, dtype=np.int64), np.empty(5)
-    left, right = np.empty(25), np.empty(5)
+    change, reached = np.empty(5), np.empty(5)
 
-    count = kernels.equations_of_step(h, g, 0.1, theta, lower, upper, moves, active, scale, left, right)
+    count, foretold, bend = kernels.damped_step(h, g, 0.1, theta, lower, upper, moves, change, reached)
 
-    assert active[:count].tolist() == [0, 4]
-    own = 1 / np.sqrt(np.diag(h)[[0, 4]])
-    expected = own[:, None] * h[np.ix_([0, 4], [0, 4])] * own + 0.1 * np.eye(2)
-    assert (left[: count * count].reshape(2, 2) == expected).all()
-    assert (right[:count] == own * g[[0, 4]]).all()
+    assert count == 2
+    own = h[np.ix_([0, 4], [0, 4])]
+    expected = np.linalg.solve(own + 0.1 * np.diag(np.diag(own)), g[[0, 4]])
+    np.testing.assert_allclose(change[[0, 4]], expected, rtol=100 * EPS)
+    assert not change[[1, 2, 3]].any()
+    assert (reached == theta + change).all()
+    assert bend == pytest.approx(change @ h @ change, rel=100 * EPS)
+    assert foretold == pytest.approx(2 * change @ g - change @ h @ change, rel=100 * EPS)
+
+
+def test_a_step_is_cut_at_the_bounds_and_what_it_foretells_is_of_what_is_left() -> None:
+    h, g = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([4.0, 1.0])  # without bounds it is (2, 0)
+    theta, change, reached = np.array([0.5, 0.25]), np.empty(2), np.empty(2)
+    lower, upper = np.array([0.0, 0.0]), np.array([1.0, 1.0])
+
+    count, foretold, bend = kernels.damped_step(
+        h, g, 0.0, theta, lower, upper, np.ones(2, dtype=bool), change, reached
+    )
+
+    assert count == 2
+    np.testing.assert_allclose(reached, [1.0, 0.25], atol=10 * EPS)
+    np.testing.assert_allclose(change, [0.5, 0.0], atol=10 * EPS)
+    assert bend == pytest.approx(0.5)  # 2 · 0.5²
+    assert foretold == pytest.approx(3.5)  # 2 · 4 · 0.5 - 0.5
+
+
+@pytest.mark.parametrize("rank", [6, 4])
+def test_equations_are_solved_and_where_they_leave_something_open_by_the_shortest_solution(rank: int) -> None:
+    random = np.random.default_rng(rank)
+    x = random.normal(size=(rank, 6))
+    a, wanted = x.T @ x, x.T @ random.normal(size=rank)
+    expected = np.linalg.lstsq(a, wanted, rcond=1e-12)[0]
+    solution = wanted.copy()
+
+    solve(a.copy(), solution)
+
+    np.testing.assert_allclose(solution, expected, rtol=1e3 * np.linalg.cond(x) ** 2 * EPS)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_single_number_that_is_not_finite_is_noticed(bad: float) -> None:
+    for n in range(9):
+        h = np.ones((3, 3))
+        h.flat[n] = bad
+        assert not kernels.is_finite(h, 1.0)
+    assert not kernels.is_finite(np.ones((3, 3)), bad)
+    assert kernels.is_finite(np.ones((3, 3)), 1.0)
 
 
 def test_what_is_kept_with_data_is_evaluated_once_and_not_handed_on_to_a_changed_copy() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
-from servobench.core.compiled import compiled, strictly_compiled
-from servobench.identification.estimators.symmetric import invert
+from servobench.core.compiled import compiled
+from servobench.identification.estimators.symmetric import invert, solve
 
 # Each term of the series of cosine and sine over the one before and the angle's square, with the sign turned.
 _COSINE = tuple(1.0 / ((2 * n - 1) * (2 * n)) for n in range(1, 9))
@@ -329,8 +329,8 @@ def find_places(places: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray
     return out
 
 
-@strictly_compiled
-def equations_of_step(
+@compiled
+def damped_step(
     information: Array,
     g: Array,
     damping: float,
@@ -338,27 +338,51 @@ def equations_of_step(
     lower: Array,
     upper: Array,
     moves: NDArray[np.bool_],
-    active: NDArray[np.int64],
-    scale: Array,
-    left: Array,
-    right: Array,
-) -> int:
-    """Fill left (P²,) and right (P,) with the equations (H + λ diag H) s = g of a step from theta (P,), in scaled parameters.
+    change: Array,
+    reached: Array,
+) -> tuple[int, float, float]:
+    """Fill `change` (P,) with the step s of (H + λ diag H) s = g from theta, cut at the bounds, and `reached` with theta + s.
 
-    Only entries that may move, aren't pressed against a bound (lower, upper) and have an effect take part: their number A is
-    returned, `active` and `scale` begin with their places and scales, `left` with A rows of A and `right` with as many numbers.
+    Returns how many entries take part, and of the sum of squares by how much the quadratic model foretells that it falls, and
+    s'H s. Entries that may not move, are pressed against a bound (lower, upper) or have no effect don't take part: their step
+    is 0. They are solved for in scaled parameters, whose H has ones on its diagonal.
     """
+    active, scale = np.empty(len(g), dtype=np.int64), np.empty(len(g))
     count = 0
     for n in range(len(g)):
+        change[n], reached[n] = 0.0, theta[n]
         pressed = (theta[n] <= lower[n] and g[n] < 0.0) or (theta[n] >= upper[n] and g[n] > 0.0)
         if moves[n] and not pressed and information[n, n] > _NOTHING:
             active[count] = n
             scale[count] = 1.0 / math.sqrt(information[n, n])
             count += 1
+    left, step = np.empty((count, count)), np.empty(count)
     for i in range(count):
-        right[i] = scale[i] * g[active[i]]
+        step[i] = scale[i] * g[active[i]]
         for k in range(count):
             # In this order: the scales' product alone may be too large for a float.
-            left[i * count + k] = scale[i] * information[active[i], active[k]] * scale[k]
-        left[i * count + i] += damping
-    return count
+            left[i, k] = scale[i] * information[active[i], active[k]] * scale[k]
+        left[i, i] += damping
+    solve(left, step)
+    for i in range(count):
+        n = active[i]
+        reached[n] = min(max(theta[n] + scale[i] * step[i], lower[n]), upper[n])
+        change[n] = reached[n] - theta[n]
+    along = bend = 0.0
+    for i in range(count):
+        across = 0.0
+        for k in range(count):
+            across += information[active[i], active[k]] * change[active[k]]
+        along += change[active[i]] * g[active[i]]
+        bend += change[active[i]] * across
+    return count, 2.0 * along - bend, bend
+
+
+@compiled
+def is_finite(information: Array, cost: float) -> bool:
+    """Return whether a cost and all of J'J (P, P) are finite numbers."""
+    sound = math.isfinite(cost)
+    for i in range(len(information)):
+        for k in range(len(information)):
+            sound = sound and math.isfinite(information[i, k])
+    return sound

@@ -123,13 +123,22 @@ class Layout:
         return self._curved.move(theta, change) if self._curved else theta + change
 
     @cached_property
-    def moves(self) -> tuple[Callable[[Array, Array], Array], ...]:
-        """The ways in which a change may lead from a joint vector: `move`, and that of a slow motor if the structure has it."""
+    def moves(self) -> tuple[Callable[[Array, Array], Array] | None, ...]:
+        """The ways in which a change may lead from a joint vector: `move`, and that of a slow motor if the structure has it.
+
+        None stands for a change that is added.
+        """
+        own = self._curved.move if self._curved else None
         slow = as_protocol(self.structure, SlowMotor)
         if slow is None:
-            return (self.move,)
+            return (own,)
         mean = float(np.mean(np.concatenate([record.u for record in self.data])))
-        return self.move, partial(slow.move_if_slow, mean_input=mean)
+        return own, partial(slow.move_if_slow, mean_input=mean)
+
+    @cached_property
+    def samples(self) -> int:
+        """The number of samples of all records, one at least."""
+        return max(sum(len(record.y) for record in self.data), 1)
 
     @property
     def held_at_first(self) -> NDArray[np.bool_] | None:
@@ -284,21 +293,22 @@ def descent(
     point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
     refusals, refused = 0, 0.0
     for step in range(1, steps + 1):
-        change = _damped_change(point, damping, lower, upper, moves)
-        if change is None:
+        ahead = _damped_step(point, damping, lower, upper, moves)
+        if ahead is None:
             return _end_descent(point, None, True, "every parameter is at a bound")
-        move = layout.moves[max(refusals - _BENT, 0) % len(layout.moves)]
-        reached = np.minimum(np.maximum(move(point.theta, change), lower), upper)
-        if _small(change, point, layout):
-            return _end_descent(point, change, True, f"converged in {step} steps")
-        foretold = float(change @ (2 * point.g - point.h @ change))
-        if 0.0 <= foretold < worth and damping <= _HARDLY:
+        if ahead.bend <= _ENOUGH**2 * point.cost / layout.samples:
+            return _end_descent(point, ahead.change, True, f"converged in {step} steps")
+        if 0.0 <= ahead.foretold < worth and damping <= _HARDLY:
             return _end_descent(point, None, True, f"converged in {step} steps")
+        reached = ahead.reached
+        move = layout.moves[max(refusals - _BENT, 0) % len(layout.moves)]
+        if move is not None:
+            reached = np.minimum(np.maximum(move(point.theta, ahead.change), lower), upper)
         trial = at(layout, reached)
         if trial.cost <= point.cost:
             gained = point.cost - trial.cost
             done, point = gained <= 1e-13 * point.cost, trial
-            damping = _lower_damping(damping, refused, gained, foretold)
+            damping = _lower_damping(damping, refused, gained, ahead.foretold)
             if done:
                 return _end_descent(point, None, True, f"converged in {step} steps")
             known = next((end for end in ends if end.converged and _is_at(point, end, layout)), None)
@@ -316,6 +326,8 @@ def descent(
 
 def at(layout: Layout, theta: Array) -> Point:
     """Return the normal equations and the sum of squares at a joint vector (P + ΣQ,)."""
+    from servobench.identification.estimators import kernels
+
     if len(layout.data) == 1:
         h, g, cost = layout.normal(theta, layout.data[0])
     else:
@@ -326,8 +338,7 @@ def at(layout: Layout, theta: Array) -> Point:
                 h[place[:, None], place] += own_h
                 g[place] += own_g
             cost += own_cost
-    sound = np.isfinite(cost) and np.isfinite(h).all()
-    return Point(theta=theta, h=h, g=g, cost=cost if sound else np.inf)
+    return Point(theta=theta, h=h, g=g, cost=cost if kernels.is_finite(h, cost) else np.inf)
 
 
 def information(layout: Layout, squares: Sequence[Array]) -> Array:
@@ -389,44 +400,32 @@ def _after_a_rise(cost: float, before: float) -> float:
     return 10 * min((cost / before) ** 0.25, 100.0) if before > 0 else 1000.0
 
 
-def _damped_change(
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """A step from a point: its `change` (P + ΣQ,), where it leads to (`reached`), the fall that is foretold, and s'H s."""
+
+    change: Array
+    reached: Array
+    foretold: float
+    bend: float
+
+
+def _damped_step(
     point: Point, damping: float, lower: Array, upper: Array, moves: NDArray[np.bool_]
-) -> Array | None:
-    """The step (P + ΣQ,) of (H + λ diag H) s = g, cut at the bounds; None where every parameter is at one."""
+) -> _Step | None:
+    """The step of (H + λ diag H) s = g, cut at the bounds; None where every parameter is at one."""
     from servobench.identification.estimators import kernels
 
-    size = len(point.theta)
-    active, scale, left, right = (
-        np.empty(size, dtype=np.int64),
-        np.empty(size),
-        np.empty(size * size),
-        np.empty(size),
+    change, reached = np.empty(len(point.theta)), np.empty(len(point.theta))
+    count, foretold, bend = kernels.damped_step(
+        point.h, point.g, damping, point.theta, lower, upper, moves, change, reached
     )
-    count = kernels.equations_of_step(
-        point.h, point.g, damping, point.theta, lower, upper, moves, active, scale, left, right
-    )
-    if not count:
-        return None
-    equations = left[: count * count].reshape(count, count)
-    try:
-        step = np.linalg.solve(equations, right[:count])
-    except np.linalg.LinAlgError:  # parameters that the data can't separate: the shortest of all steps
-        step = np.linalg.lstsq(equations, right[:count], rcond=None)[0]
-    change = np.zeros(size)
-    change[active[:count]] = scale[:count] * step
-    cut: Array = np.minimum(np.maximum(point.theta + change, lower), upper) - point.theta
-    return cut
-
-
-def _small(change: Array, point: Point, layout: Layout) -> bool:
-    """Whether a change moves the sum of squares by less than `_ENOUGH`² of the residual's variance."""
-    samples = sum(len(record.y) for record in layout.data)
-    return float(change @ point.h @ change) <= _ENOUGH**2 * point.cost / max(samples, 1)
+    return _Step(change, reached, foretold, bend) if count else None
 
 
 def _is_at(point: Point, end: Descent, layout: Layout) -> bool:
     """Whether a point lies where another search ended: as low, and nearer than would show, measured by the curvature there."""
-    enough = _AS_LOW * end.point.cost / max(sum(len(record.y) for record in layout.data), 1)
+    enough = _AS_LOW * end.point.cost / layout.samples
     if point.cost > end.point.cost + enough:
         return False
     apart = point.theta - end.point.theta

@@ -92,6 +92,54 @@ def invert(information: Array, out: Array) -> float:
 
 
 @compiled
+def solve(a: Array, x: Array) -> None:
+    """Replace x (P,) by the solution of A s = x for a symmetric matrix (P, P), which is overwritten.
+
+    Cholesky's factors where the matrix is positive definite beyond rounding; else the shortest of all s, along the
+    eigenvectors of which it says something.
+    """
+    size = len(a)
+    lower = np.empty((size, size))
+    for k in range(size):
+        for i in range(k, size):
+            value = a[i, k]
+            for n in range(k):
+                value -= lower[i, n] * lower[k, n]
+            if i == k and not value > _LEAST * a[k, k]:
+                solve_shortest(a, x)
+                return
+            lower[i, k] = math.sqrt(value) if i == k else value / lower[k, k]
+    for i in range(size):
+        for n in range(i):
+            x[i] -= lower[i, n] * x[n]
+        x[i] /= lower[i, i]
+    for i in range(size - 1, -1, -1):
+        for n in range(i + 1, size):
+            x[i] -= lower[n, i] * x[n]
+        x[i] /= lower[i, i]
+
+
+@compiled
+def solve_shortest(a: Array, x: Array) -> None:
+    """Replace x (P,) by the shortest solution of A s = x for a symmetric matrix (P, P) without negative eigenvalues."""
+    vectors = np.empty_like(a)
+    diagonalise(a, vectors)
+    largest = 0.0
+    for n in range(len(x)):
+        largest = max(largest, a[n, n])
+    solution = np.zeros(len(x))
+    for n in range(len(x)):
+        if a[n, n] > _LEAST * largest:
+            along = 0.0
+            for i in range(len(x)):
+                along += x[i] * vectors[i, n]
+            for i in range(len(x)):
+                solution[i] += along / a[n, n] * vectors[i, n]
+    for i in range(len(x)):
+        x[i] = solution[i]
+
+
+@compiled
 def chi_square(x: Array, spread: Array) -> float:
     """Return x' S⁻¹ x of numbers x (P,) with covariance S (P, P), but for directions of which S has less than 1e-9."""
     values, vectors = spread.copy(), np.empty_like(spread)

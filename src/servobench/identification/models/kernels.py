@@ -405,8 +405,12 @@ def separable_moments(
         tau, delay = points[n]
         if n == 0 or tau != points[n - 1, 0]:
             decay[0] = free[0] = 1.0
+            h_last = -1.0
             for m in range(1, len(t_out)):
-                decay[m] = math.exp((t_out[m - 1] - t_out[m]) / tau)
+                h = t_out[m] - t_out[m - 1]
+                decay[m] = decay[m - 1]
+                if abs(h - h_last) > _SAME * tau:
+                    h_last, decay[m] = h, math.exp(-h / tau)
                 free[m] = free[m - 1] * decay[m]
             if len(sense):
                 respond(t_sense, sense, 0, sense[0], 0.0, t_out, tau, decay, braked)
@@ -465,13 +469,19 @@ def respond(
     decay (M,) is e^(-h/τ) over the step before each sample.
     """
     th = w = 0.0
-    now = t_out[0]
+    now, h_last, b = t_out[0], -1.0, 1.0
     for m in range(len(t_out)):
-        until = t_out[m]
+        until, a = t_out[m], decay[m]
         if k < len(u) and t_in[k] + delay < until:
-            th, w, v, k = over_changes(th, w, v, k, t_in, u, delay, now, until, tau)
-        else:
-            th, w = hold_step(th, w, v, until - now, tau, decay[m])
+            while k < len(u) and t_in[k] + delay < until:
+                h = t_in[k] + delay - now
+                if abs(h - h_last) > _SAME * tau:
+                    h_last, b = h, math.exp(-h / tau)
+                th, w = hold_step(th, w, v, h, tau, b)
+                now, v = now + h, u[k]
+                k += 1
+            a = math.exp((now - until) / tau)
+        th, w = hold_step(th, w, v, until - now, tau, a)
         now = until
         x[ANGLE, m], x[RATE, m] = th, w
 
@@ -481,29 +491,6 @@ def hold_step(th: float, w: float, v: float, h: float, tau: float, a: float) -> 
     """Return angle and speed after h with an input v, for K = 1 and no friction; a = e^(-h/τ)."""
     g = tau * (1.0 - a)
     return th + g * w + (h - g) * v, a * w + (1.0 - a) * v
-
-
-@compiled
-def over_changes(
-    th: float,
-    w: float,
-    v: float,
-    k: int,
-    t_in: Array,
-    u: Array,
-    delay: float,
-    now: float,
-    until: float,
-    tau: float,
-) -> tuple[float, float, float, int]:
-    """Return angle, speed, input and the number of the next input at `until`, across the changes before, as `hold_step` does."""
-    while k < len(u) and t_in[k] + delay < until:
-        h = t_in[k] + delay - now
-        th, w = hold_step(th, w, v, h, tau, math.exp(-h / tau))
-        now, v = now + h, u[k]
-        k += 1
-    th, w = hold_step(th, w, v, until - now, tau, math.exp((now - until) / tau))
-    return th, w, v, k
 
 
 @compiled

@@ -154,10 +154,13 @@ def _variation(y: Array) -> float:
 
 
 def _with_delays(points: Array, step: float) -> Array:
-    """The same τ's with each of the delays but none, (D T, 2); `step` is the sample time [s]."""
+    """The same τ's, each with all of the delays but none, (T D, 2), which is quicker than the other way round.
+
+    `step` is the sample time [s].
+    """
     taus = points[:, 0]
     delays = step * _DELAYS[1:]
-    return np.column_stack([np.tile(taus, len(delays)), np.repeat(delays, len(taus))])
+    return np.column_stack([np.repeat(taus, len(delays)), np.tile(delays, len(taus))])
 
 
 def is_held(data: Sequence[Dataset]) -> bool:
