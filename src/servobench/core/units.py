@@ -60,7 +60,11 @@ _PLAIN: dict[str, tuple[float, Dimension]] = {
 _PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6}
 _ALIASES = {
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "millisecond": "ms", "milliseconds": "ms", "msec": "ms",
-    "microsecond": "us", "microseconds": "us", "usec": "us", "minute": "min", "minutes": "min",
+    "msecs": "ms", "millis": "ms", "millisec": "ms", "millisecs": "ms",
+    "microsecond": "us", "microseconds": "us", "usec": "us", "usecs": "us", "micros": "us", "microsec": "us", "microsecs": "us",
+    "segundos": "s", "secondes": "s", "secondi": "s", "Sekunden": "s",
+    "milisegundos": "ms", "milissegundos": "ms", "millisecondes": "ms", "millisecondi": "ms", "Millisekunden": "ms",
+    "minute": "min", "minutes": "min",
     "hr": "h", "hour": "h", "hours": "h",
     "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "v": "V", "millivolt": "mV", "millivolts": "mV",
     "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "milliamp": "mA", "milliamps": "mA",

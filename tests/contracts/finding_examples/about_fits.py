@@ -36,6 +36,7 @@ from tests.contracts.finding_examples.base import (
     with_values,
 )
 from tests.datasets import QUANTUM, dataset
+from tests.identification.trust.test_input_late import fit_with_usual_delay
 from tests.identification.trust.test_lag_not_split import fit_with
 from tests.identification.trust.test_small_swing import fit_of_swings
 from tests.identification.uncertainty.test_static_friction import fit_of_ramps
@@ -192,6 +193,7 @@ EXAMPLES = (
     _example("friction-and-offset-together", lambda: _one_way(0.0)),
     _example("gain-local", lambda: _near(3.0, 0.3), lambda: _near(0.0, 3.0)),
     _example("input-is-a-goal", lambda: _position_loop("rad"), lambda: _position_loop("V")),
+    _example("input-late", lambda: fit_with_usual_delay(50), lambda: fit_with_usual_delay(0)),
     _example("input-is-reference", lambda: _of_data(input_unit="rad")),
     _example("input-rests-off-zero", lambda: _about_rest("%"), lambda: _about_rest("V")),
     _example("input-too-slow", lambda: _ramp(1), lambda: _ramp(10)),

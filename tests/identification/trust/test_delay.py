@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.finding import Finding
+from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
@@ -26,7 +27,7 @@ def test_a_lag_that_makes_up_for_a_negative_delay_leaves_the_columns_aligned() -
     assert _doubts(known) == []
     (found,) = _doubts(_with_lag(known, lag - 0.002))  # the sample time is 2 ms
     assert found.code == "delay-negative"
-    assert f"comes {0.002 - lag - fit.model['delay']:.3g} s before" in found.sentence
+    assert f"comes {with_unit(0.002 - lag - fit.model['delay'], 's', 3)} before" in found.sentence
 
 
 def test_a_sum_without_an_interval_of_its_own_is_judged_by_its_value() -> None:
@@ -58,7 +59,7 @@ def test_a_delay_at_its_shortest_beside_no_time_constant_is_no_motors_whatever_i
     (doubt,) = _doubts(at_the_bound(0.1 * data.sample_time))
     assert doubt.code == "delay-negative"
     assert (
-        f"comes at least {-shortest:.3g} s before" in doubt.sentence
+        f"comes at least {with_unit(-shortest, 's', 3)} before" in doubt.sentence
     )  # what is farther out of step looks the same
     assert _doubts(at_the_bound(5.0 * data.sample_time)) == []
 

@@ -143,6 +143,12 @@ def test_long_lists_are_cut_and_control_characters_reach_no_terminal() -> None:
         ("Tempo", 1.0),
         ("time(t)", 1.0),
         ("time_t_", 1.0),
+        ("Time_ms_", 1e-3),
+        ("time (millisec)", 1e-3),
+        ("time [millis]", 1e-3),
+        ("Tempo (milissegundos)", 1e-3),
+        ("Zeit in Millisekunden", 1e-3),
+        ("Time (UTC)", 1.0),
         ("ros_time_s", 1.0),
         ("loop_timestamp_ms", 1e-3),
     ],
@@ -170,7 +176,9 @@ def test_a_unit_that_the_heading_gives_is_no_convention(header: str, code: str) 
     assert times == {code}
 
 
-@pytest.mark.parametrize("header", ["timestamp", "clock", "x", "t [V]", "temperature"])
+@pytest.mark.parametrize(
+    "header", ["timestamp", "clock", "x", "t [V]", "temperature", "time (Sek)", "time [jiffies]"]
+)
 def test_what_is_not_surely_a_time_is_not_taken_as_one(header: str) -> None:
     assert table(header, "y")["y"].t is None
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
@@ -27,6 +28,13 @@ _NOISY = 11.0  # of Q/√12: three counts of noise in a reading
 # The correlation of neighbouring second differences is -4/6 for white readings, and -1/2 for the sum of white speeds. Half way
 # between the two, either is four standard deviations (1/√2000) off; as far on the other side is what alternates.
 _ONE_BY_ONE = (-0.75, -0.583)
+# Where samples are too few for that: of neighbouring first differences it is -1/2 and 0, and 0.7 and 1 over √n off by chance.
+_FEW = 1300
+_ANOTHER_BACK = -0.3
+_WORSE = 2.0  # a central difference that is summed from sample to sample is a mean of two counts, with √2 less rounding
+_SLOW = (
+    2.0  # sample times: a motor that forgets faster is moved by a torque as a sum is by errors of its speeds
+)
 _STRUCTURES = {True: ("first_order_coulomb",), False: ("first_order_one_way", "first_order_one_way_rest")}
 _PRINTED = ("rad/s", "deg/s", "rpm", "rev/s")
 _EXACT = 1e-4  # of a step that is a power of ten; no encoder's is as near to one by chance more than once in a thousand
@@ -55,9 +63,14 @@ def with_counts_restored(
 
 def _restore(record: Dataset) -> Summation | None:
     """The first position that a motor explains up to the rounding of its counts."""
+    least = np.inf
     for summation in summations(record):
         fits: list[Fit] = []
+        before = least
         for plain in _plain_fits(summation.data):
+            least = min(least, plain.residual_sd)
+            if plain.residual_sd > _WORSE * before:
+                continue  # a motor explains what the rows sum to in another way better, and that isn't proof enough
             if is_rounding(plain) or (_ratio(plain) < _NOISY and _has_independent_errors(plain)):
                 return summation
             fits.append(plain)
@@ -90,8 +103,13 @@ def _roughness(fit: Fit) -> float:
 
 
 def _is_rounding_beside_torque(plain: Fit) -> bool:
-    """Whether each reading has an error of its own beside a random torque: the rounding of counts, and maybe some noise."""
+    """Whether each reading has an error of its own beside a random torque: the rounding of counts, and maybe some noise.
+
+    A logger that keeps every n-th speed makes sums that wander. So does the shaft under a torque, but not from sample to sample.
+    """
     data = plain.records[0].data
+    if plain.model["time_constant"] < _SLOW * data.sample_time:
+        return False
     if _is_printed((data.quantum or np.nan) / data.sample_time):
         return False
     fit = allow_for_disturbance(plain)
@@ -109,10 +127,17 @@ def _ratio(fit: Fit) -> float:
 
 
 def _has_independent_errors(fit: Fit) -> bool:
-    """Whether the residuals of a position are independent reading errors, by their second differences."""
-    bends = np.diff(fit.records[0].residual, 2)
+    """Whether the residuals of a position are independent reading errors, by their second differences; of few by the first, too."""
+    residual = fit.records[0].residual
     low, high = _ONE_BY_ONE
-    return bool(low <= bends[1:] @ bends[:-1] / (bends @ bends) <= high)
+    if not low <= _neighbours(np.diff(residual, 2)) <= high:
+        return False
+    return len(residual) >= _FEW or _neighbours(np.diff(residual)) <= _ANOTHER_BACK
+
+
+def _neighbours(x: Array) -> float:
+    """The correlation of each number with the next one, (N,)."""
+    return float(x[1:] @ x[:-1] / (x @ x))
 
 
 def _is_printed(step: float) -> bool:

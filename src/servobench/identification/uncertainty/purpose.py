@@ -11,7 +11,7 @@ from servobench.identification.uncertainty.identifiability import Combination, P
 _TURNED = math.radians(5)  # by which the phase margin may change over the interval of the lag
 _OF_NYQUIST = 0.2  # of half the sample rate: beyond, the loop's own ticks matter more than the motor's lag
 _FINEST = 0.01  # percent: no motor is the same from one hour to the next by less
-_SIMULATES = 50.0  # percent: a model that predicts less is good for no simulation
+_SIMULATES = 80.0  # percent: a model that predicts less is good for no simulation
 
 
 def good_for(
@@ -49,7 +49,7 @@ def _loop(
     gain = answers.get("gain")
     if lag is None and all(_is_known(answers, name) for name in ("time_constant", "delay")):
         lag = answers["time_constant"].estimate
-    if lag is None or gain is None or gain.state is not State.KNOWN:
+    if lag is None or lag.interval[1] <= 0.0 or gain is None or gain.state is not State.KNOWN:
         return []
     fastest = min(_TURNED / lag.half_width, limit)
     change = _percent(gain.estimate.half_width / abs(gain.estimate.value))

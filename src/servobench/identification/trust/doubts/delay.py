@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from servobench.core.finding import Finding, Severity, warning
+from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 # Of a shaft that carries its load by a spring, the zeros lead: a fast pole and a delay of minus its time constant together follow
 # the input at once. Their sum says when the output begins.
 _LAGS = ("delay", "electrical_time_constant")
+_OUT_OF_STEP = 0.6  # of a sample time: a speed that was differenced ahead of its row comes half of one early
 
 
 def _delay(fit: Fit) -> list[Finding]:
@@ -18,19 +22,42 @@ def _delay(fit: Fit) -> list[Finding]:
     names = fit.model.names
     if "delay" not in names:
         return []
-    # Nothing else is in the sum: what isn't known has an infinite variance.
-    summed = [at for at, name in enumerate(names) if name in _LAGS]
-    lag = float(fit.model.theta[summed].sum())
-    # The two may be known as a sum only: its variance can then be rounding error, of either sign.
-    sd = float(np.sqrt(max(fit.covariance[np.ix_(summed, summed)].sum(), 0.0)))
     reported = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
-    if reported or lag >= -0.6 * fit.records[0].data.sample_time:
+    if reported:
         return []
-    if lag >= -3 * sd and not _is_ahead_of_all(fit):
-        return []
-    least = "at least " if _is_at_its_shortest(fit) else ""
-    sentence = f"The output comes {least}{-lag:.3g} s before the input that causes it: the two columns are misaligned."
-    return [warning("delay-negative", sentence, parameters=("delay",))]
+    data = fit.records[0].data
+    lag, sd = _sum_of(fit, _LAGS)
+    earliest = -_OUT_OF_STEP * data.sample_time
+    if lag < earliest and (lag < -3 * sd or _upper(fit) < earliest or _is_ahead_of_all(fit)):
+        least = "at least " if _is_at_its_shortest(fit) else ""
+        return [_finding(f"{least}{with_unit(-lag, 's', 3)}")]
+    # A motor can't follow its input in less than no time, however long each of the two lags is by itself.
+    whole, sd = _sum_of(fit, (*_LAGS, "time_constant"))
+    halved = 0.5 * data.sample_time if data.kind == "speed" else 0.0
+    if "time_constant" in names and whole + 3 * sd < -halved:
+        return [_finding(with_unit(-whole, "s", 3))]
+    return []
+
+
+def _sum_of(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
+    """The sum of those parameters that the model has [s], and its standard deviation.
+
+    Nothing else is in the sum: what isn't known has an infinite variance. Parameters may be known as a sum only: its variance can
+    then be rounding error, of either sign.
+    """
+    summed = [at for at, name in enumerate(fit.model.names) if name in names]
+    variance = float(fit.covariance[np.ix_(summed, summed)].sum())
+    return float(fit.model.theta[summed].sum()), float(np.sqrt(max(variance, 0.0)))
+
+
+def _upper(fit: Fit) -> float:
+    """The upper end of the delay's interval [s]; infinite where a lag belongs to the same sum."""
+    return np.inf if "electrical_time_constant" in fit.model.names else fit["delay"].interval[1]
+
+
+def _finding(early: str) -> Finding:
+    sentence = f"The output comes {early} before the input that causes it: the two columns are misaligned."
+    return warning("delay-negative", sentence, parameters=("delay",))
 
 
 def _is_ahead_of_all(fit: Fit) -> bool:

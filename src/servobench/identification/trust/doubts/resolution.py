@@ -6,7 +6,7 @@ import numpy as np
 
 from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import plain
-from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
@@ -19,6 +19,9 @@ _FEWEST = 40.0  # steps in a time constant, or in the range of a speed
 _BLIND = 1 / (0.05 * 12**0.5)
 _UNEVEN = 0.1  # of the median time step: what a clock that is read by a program may vary by anyway
 _ALIKE = 1e-3  # of a step: what is left of rounded decimals
+# Of a step, noise and rounding together: noise of 0.4 before it leaves exp(-2 π² 0.4²) / π of a step to rounding's bias, 0.0135,
+# which is a third of a thousandth of the range of a sensor that counts as coarse.
+_DITHERED = 0.5
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
@@ -27,7 +30,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     for record in fit.records:
         data = record.data
         q = data.quantum or lattice_step(data.y)
-        if not q or (data.chain and not data.quantum):
+        if not q or (data.chain and not data.quantum) or _is_dithered(record, q):
             continue
         if data.kind == "position":
             if "time_constant" not in fit.model.names:
@@ -60,6 +63,13 @@ def _about_fit(fit: Fit) -> list[Finding]:
     )
     say = info if allowed_for else warning
     return [say("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]
+
+
+def _is_dithered(record: FittedRecord, quantum: float) -> bool:
+    """Whether noise from sample to sample spreads readings over the steps of their sensor, so that rounding becomes random."""
+    changes = np.diff(record.residual[record.valid])
+    sd = float(np.median(np.abs(changes))) / 0.6745 / np.sqrt(2.0)
+    return not is_sampled_by_edges(record.data, quantum) and sd >= _DITHERED * quantum
 
 
 def is_sampled_by_edges(data: Dataset, quantum: float) -> bool:

@@ -1,0 +1,89 @@
+"""An input that changed before the row that shows it, as of a log that keeps every n-th row of its controller."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.core.finding import Finding
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import dataset
+
+ROWS = 20000  # of a controller, 2 ms apart
+EVERY = 100  # of them one is kept, 0.2 s: twice the time constant
+
+
+def sparse_log(late: int, sense: float = 1.0, chain: str = "") -> Dataset:
+    """Every hundredth row of a motor under ±3 V, whose input changes some rows before one that is kept.
+
+    `sense` -1 turns the wires.
+    """
+    random = np.random.default_rng(3)
+    lengths = EVERY * random.integers(2, 5, ROWS // EVERY)
+    lengths[0] -= late
+    u = np.repeat(random.choice([-3.0, 3.0], len(lengths)), lengths)[:ROWS]
+    data = dataset(seed=1, samples=ROWS, u=u, chain=chain)
+    kept = slice(None, None, EVERY)
+    t, y = data.t_output[kept], data.y[kept]
+    return replace(data, t_input=t, u=sense * data.u[kept], t_output=t, y=y, rows=None)
+
+
+def fit_with_usual_delay(late: int, sense: float = 1.0) -> Fit:
+    """The fit of such a log, and what it leaves over with a delay that is none, as is usual."""
+    data = sparse_log(late, sense)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+    theta = np.where([name == "delay" for name in fit.model.names], 0.0, fit.model.theta)
+    record = fit.records[0]
+    prediction = fit.model.structure.predict(np.append(theta, record.nuisance), data).y
+    held = replace(record, prediction=prediction, residual=data.y - prediction)
+    return replace(fit, model=replace(fit.model, theta=theta), records=(held,))
+
+
+def doubts(fit: Fit) -> list[Finding]:
+    return list(DOUBTS["input_late"].about_fit(fit))
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_an_input_that_changed_half_a_row_earlier_is_shown_late(sense: float) -> None:
+    (doubt,) = doubts(fit_with_usual_delay(50, sense))
+    assert doubt.code == "input-late"
+    assert "before the row that shows them" in doubt.sentence
+    assert "0.20 s apart" in doubt.sentence
+
+
+def test_one_that_changes_in_its_own_rows_is_not() -> None:
+    assert doubts(fit_with_usual_delay(0)) == []
+
+
+def test_a_speed_shows_it_as_well_as_a_position() -> None:
+    fit = fit_with_usual_delay(50)
+    record, step = fit.records[0], fit.records[0].data.sample_time
+    speed = np.gradient(record.residual, step)
+    data = replace(record.data, kind="speed", output_unit="rad/s", quantum=None)
+    assert [
+        each.code for each in doubts(replace(fit, records=(replace(record, data=data, residual=speed),)))
+    ] == ["input-late"]
+
+
+def test_of_a_loop_whose_input_answers_to_the_output_nothing_is_said() -> None:
+    fit = fit_with_usual_delay(50)
+    in_a_loop = tuple(
+        replace(
+            record, data=replace(record.data, reference=np.zeros(len(record.data.u)), reference_unit="rad")
+        )
+        for record in fit.records
+    )
+    assert in_a_loop[0].data.closed_loop
+    assert doubts(replace(fit, records=in_a_loop)) == []
+
+
+def test_what_follows_a_change_against_its_direction_is_not_ahead_of_it() -> None:
+    """A controller that nobody named makes the input from the output: what is left of that turns against the input."""
+    fit = fit_with_usual_delay(50)
+    against = tuple(replace(record, residual=-record.residual) for record in fit.records)
+    assert doubts(replace(fit, records=against)) == []
