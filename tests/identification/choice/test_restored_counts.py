@@ -129,3 +129,21 @@ def test_a_tachometer_behind_a_converter_is_not_taken_for_counts(
     speed = as_speed(counts, step * np.rint(true / step + noise * random))
 
     assert with_counts_restored([speed])[0][0].kind == "speed"
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_a_hundred_speeds_with_errors_of_their_own_are_not_summed(seed: int) -> None:
+    """So are those of a log that keeps every n-th difference; where they are differences from row to row, they are summed."""
+    every = slice(None, None, 20)
+    counts = dataset(seed=seed, kind="prbs", hold=40, samples=20 * 105)
+    t, y = counts.t_output[every], counts.y[every]
+    speed = np.concatenate([np.zeros(1), np.diff(y) / np.diff(t)])
+    step = QUANTUM / (t[1] - t[0])
+    noise = np.rint(np.random.default_rng(seed).normal(size=len(t)))
+
+    def record(values: NDArray[np.float64]) -> Dataset:
+        sparse = replace(counts, t_input=t, u=counts.u[every], t_output=t, y=values, quantum=None, rows=None)
+        return replace(sparse, kind="speed", output_unit="rad/s")
+
+    assert with_counts_restored([record(speed)])[0][0].kind == "position"
+    assert with_counts_restored([record(speed + step * noise)])[0][0].kind == "speed"

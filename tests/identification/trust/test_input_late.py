@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from servobench.core.finding import Finding
+from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
@@ -53,7 +54,7 @@ def test_an_input_that_changed_half_a_row_earlier_is_shown_late(sense: float) ->
     (doubt,) = doubts(fit_with_usual_delay(50, sense))
     assert doubt.code == "input-late"
     assert "before the row that shows them" in doubt.sentence
-    assert "0.20 s apart" in doubt.sentence
+    assert f"{with_unit(0.2, 's', 2)} apart" in doubt.sentence
 
 
 def test_one_that_changes_in_its_own_rows_is_not() -> None:

@@ -127,7 +127,7 @@ def _ratio(fit: Fit) -> float:
 
 
 def _has_independent_errors(fit: Fit) -> bool:
-    """Whether the residuals of a position are independent reading errors, by their second differences; of few by the first, too."""
+    """Whether the residuals of a position are independent reading errors, by second differences; of few by first ones, too."""
     residual = fit.records[0].residual
     low, high = _ONE_BY_ONE
     if not low <= _neighbours(np.diff(residual, 2)) <= high:
