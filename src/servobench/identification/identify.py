@@ -46,7 +46,7 @@ from servobench.identification.trust.doubts.single_level import (
     widen_for_gain_friction_split,
     widen_for_single_level,
 )
-from servobench.identification.trust.doubts.spikes import with_spikes
+from servobench.identification.trust.doubts.spikes import without_spikes
 from servobench.identification.trust.explanations.base import Causes, is_unexplained
 from servobench.identification.trust.held_out import about_validation, cross_validate, validate_with
 from servobench.identification.trust.missing_terms import (
@@ -225,8 +225,9 @@ def _identify(
     findings = [finding for record in records for finding in record.findings]
     records, restored = with_counts_restored(records, estimator)
     findings += [*restored, *about_data(records, nominal_motor(nominal))]
+    records, spikes = without_spikes(records) if estimator == "auto" else (records, [])
     records, left_out = stretches_of_motion(records)
-    findings += left_out
+    findings += [*spikes, *left_out]
     judged = _Judgement(causes=Causes(records))
     try:
         if verdict(findings) is not Verdict.REFUSED:
@@ -352,7 +353,7 @@ def _with_allowances(
     fit = with_missing_terms(fit, choice.terms)
     fit = with_rounded_times(with_curved_valley(fit))
     fit = with_unresolved_time_constant(with_model_error(fit, one_level))
-    fit = widen_for_lag_split(with_spikes(with_unknown_chain(widen_for_host_delay(fit))))
+    fit = widen_for_lag_split(with_unknown_chain(widen_for_host_delay(fit)))
     return widen_for_gain_friction_split(fit)
 
 

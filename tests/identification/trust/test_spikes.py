@@ -1,4 +1,4 @@
-"""A value that jumps away and back is a spike; the tip of a reversal isn't one. Few and small ones go into the intervals."""
+"""A value that jumps away and back is a spike; the tip of a reversal isn't one. It is left out."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.core.finding import Severity
+from servobench.core.finding import Severity, Verdict
 from servobench.identification.identify import identify
 from servobench.identification.result import Result
-from servobench.identification.trust.doubts.spikes import spike_pairs, spikes, spikes_of
+from servobench.identification.trust.doubts.spikes import spike_pairs, spikes, spikes_of, without_spikes
+from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
@@ -143,24 +144,37 @@ def severity(result: Result) -> Severity:
     return finding.severity
 
 
-def test_what_few_and_small_spikes_move_is_a_line_of_the_budget(noisy: Dataset) -> None:
-    clean, result = identify(noisy), identify(with_spikes(noisy, 25.0))
+@pytest.mark.parametrize("heights", [(25.0,), (60.0, -60.0, 60.0), (400.0, 25.0)])
+def test_spikes_are_left_out_and_the_rest_is_identified(noisy: Dataset, heights: tuple[float, ...]) -> None:
+    """Whatever their size, the answer is that of the record without those samples; a large one hides no small one."""
+    spiky = with_spikes(noisy, *heights)
+    where = 400 * (1 + np.arange(len(heights)))
+    result, without = identify(spiky), identify(noisy.without(where))
 
     assert severity(result) == Severity.INFO
-    assert result.verdict.value == "trusted"
-    assert clean.fit is not None
+    assert result.verdict is without.verdict is Verdict.TRUSTED
     assert result.fit is not None
-    (line,) = (each for each in result.fit.budget if each.source == "spikes")
-    # To first order it is the square of the difference that the spike makes.
-    for at, name in enumerate(result.fit.model.names):
-        moved = result.fit.model[name] - clean.fit.model[name]
-        assert np.sqrt(line.covariance[at, at]) == pytest.approx(
-            abs(moved), rel=0.2, abs=0.02 * result.fit.sd(name)
-        )
+    assert without.fit is not None
+    assert result.fit.model.theta.tolist() == without.fit.model.theta.tolist()
+    assert result.fit.covariance.tolist() == without.fit.covariance.tolist()
+    (finding,) = (each for each in result.findings if each.code == "output-spikes")
+    assert finding.rows == (where[0] + 1, where[-1] + 1)
 
 
-def test_spikes_that_are_most_of_the_residual_are_doubted(noisy: Dataset) -> None:
-    result = identify(with_spikes(noisy, 60.0, -60.0, 60.0))
+def test_a_sample_left_out_leaves_the_input_whole_and_the_other_rows_their_numbers(noisy: Dataset) -> None:
+    left = noisy.without(np.array([0, 7]))
 
-    assert severity(result) == Severity.WARNING
-    assert result.verdict.value == "doubtful"
+    assert left.u.tolist() == noisy.u.tolist()
+    assert left.y.tolist() == noisy.y[[*range(1, 7), *range(8, len(noisy.y))]].tolist()
+    assert left.row_numbers(np.array([0, 6])).tolist() == [2, 9]
+    assert left.without(np.array([0])).row_numbers(np.array([0])).tolist() == [3]
+
+
+def test_spikes_behind_a_filter_or_for_a_method_asked_for_stay_and_are_doubted(noisy: Dataset) -> None:
+    spiky = with_spikes(noisy, 60.0, -60.0, 60.0)
+    filtered = replace(spiky, declared=Chain.parse("lowpass 200 rad/s"))
+
+    assert without_spikes([filtered])[0][0] is filtered
+    for result in (identify(spiky, estimator="output_error"), identify(filtered)):
+        assert severity(result) == Severity.WARNING
+        assert result.verdict is Verdict.DOUBTFUL

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from typing import TypeVar
 
@@ -228,6 +228,17 @@ class Dataset:
     def first_motion(self) -> FirstMotion | None:
         """The record's first motion; None where the input changes at once, or the output doesn't stand until it does."""
         return first_motion(self)
+
+    def without(self, samples: NDArray[np.int64]) -> Dataset:
+        """Return the dataset without samples (K,) of the output, counted from 0; the input stays whole."""
+        keep = np.setdiff1d(np.arange(len(self.y)), samples)
+        return replace(
+            self,
+            t_output=self.t_output[keep],
+            y=self.y[keep],
+            current=None if self.current is None else self.current[keep],
+            rows=self.row_numbers(keep),
+        )
 
     def part(self, start: float, end: float) -> Dataset:
         """Return the samples with start <= t < end [s]; the input before them is the input that held until then.

@@ -1,8 +1,8 @@
-"""Single values that lie far off their neighbours, and how far they move the parameters."""
+"""Single values that lie far off their neighbours: no shaft makes them, so they are left out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info, warning
 from servobench.identification.estimators.base import Fit
-from servobench.identification.estimators.budget import Contribution
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
-from servobench.identification.uncertainty.score_test import in_innovations, innovations_and_jacobian
 from servobench.recordings.formats.times import in_words
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _LARGE = 6.0  # times what is usual among the largest second differences
-_MOST_MOVED = 2.0  # standard deviations: what moves a parameter farther is outside its interval
-_MOST_OF_RESIDUAL = 0.5  # of its square: beyond it the spikes are what limits the accuracy
 _SHORTEST = 20  # samples of a record in which one that lies off can be recognised
 _AROUND = 3  # departures that a single spike makes: its own and its neighbours'
 _AROUND_PAIR = 5  # departures that two in a row make, of two in a row: their own, and those up to two samples before and after
@@ -30,29 +26,39 @@ _CALM = 0.5  # of the samples: of fewer without a change of the input nearby, no
 _MOST = 0.02  # of the samples: more than that isn't a few spikes but noise
 
 
-def with_spikes(fit: Fit) -> Fit:
-    """Return the fit with its covariance larger by the square of what the spikes of its records move the parameters by."""
-    which = [spikes_of(record.data) for record in fit.records]
-    if not any(map(len, which)):
-        return fit
-    jacobian, residual = innovations_and_jacobian(fit)
-    heights = _heights(fit, which)
-    if heights @ heights > _MOST_OF_RESIDUAL * (residual @ residual):
-        return fit  # without them all would be known much better: the doubt says so
-    moved = _shift(jacobian, heights)[: len(fit.model.names)]
-    if not _share_of_sd(fit, moved) < _MOST_MOVED:
-        return fit  # too much for a small change of the output: the doubt says so
-    reason = "the output has spikes of a sample or two, which no shaft makes"
-    return fit.widen(Contribution(source="spikes", covariance=np.outer(moved, moved), reason=reason))
+def without_spikes(records: Sequence[Dataset]) -> tuple[tuple[Dataset, ...], list[Finding]]:
+    """Return the records without the spikes of their outputs, and what was left out; the inputs stay whole.
+
+    Behind a filter each reading is in many values, so such a record stays as it is, and its spikes are a doubt.
+    """
+    cleaned, findings = [], []
+    for data in records:
+        which = np.array([], dtype=np.int64) if data.chain.linear else _all_spikes(data)
+        cleaned.append(data.without(which) if len(which) else data)
+        if len(which):
+            findings.append(_finding(info, data, which, "these values are left out"))
+    return tuple(cleaned), findings
+
+
+def _all_spikes(data: Dataset) -> NDArray[np.int64]:
+    """The indices (K,) of the spikes, also of those that larger ones hid; none where they are too many to be a few."""
+    which = np.array([], dtype=np.int64)
+    while len(more := spikes_of(data.without(which) if len(which) else data)):
+        left = np.setdiff1d(np.arange(len(data.y)), which)
+        which = np.union1d(which, left[more])
+        if not len(_if_few(which, len(data.y))):
+            return which[:0]
+    return which
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
-    """Spikes in any record of a fit: a doubt, or where the intervals allow for them a remark."""
+    """Spikes that are still in any record of a fit."""
     which = [spikes_of(record.data) for record in fit.records]
-    if not any(map(len, which)):
-        return []
-    allowed = any(line.source == "spikes" for line in fit.budget)
-    return [_finding(r.data, each, allowed) for r, each in zip(fit.records, which, strict=True) if len(each)]
+    return [
+        _finding(warning, record.data, each, "leave these rows out")
+        for record, each in zip(fit.records, which, strict=True)
+        if len(each)
+    ]
 
 
 @keep_with_data
@@ -66,43 +72,16 @@ def spikes_of(data: Dataset) -> NDArray[np.int64]:
     return np.union1d(single, np.union1d(pairs, pairs + 1)) if len(pairs) else single
 
 
-def _finding(data: Dataset, which: NDArray[np.int64], allowed: bool) -> Finding:
-    rows = data.row_span(int(which[0]), int(which[-1]))
+def _finding(say: Callable[..., Finding], data: Dataset, which: NDArray[np.int64], so: str) -> Finding:
+    """What to say of spikes (K,), and what comes of it (`so`)."""
     where = f"{in_words(data.row_numbers(which), 'sample')} ({data.in_seconds(data.t_output[which[0]])})"
-    what = (
+    return say(
+        "output-spikes",
         f"{data.name}: the output jumps away and back again within a sample or two in {where}, which no shaft does. It is cable "
-        "noise or a lost count; "
+        f"noise or a lost count; {so}.",
+        parameters=("gain", "time_constant"),
+        rows=data.row_span(int(which[0]), int(which[-1])),
     )
-    if allowed:
-        return info("output-spikes", f"{what}the intervals allow for its effect.", rows=rows)
-    return warning(
-        "output-spikes", f"{what}leave these rows out.", parameters=("gain", "time_constant"), rows=rows
-    )
-
-
-def _shift(jacobian: Array, heights: Array) -> Array:
-    """The change of the joint vector that a small change x (N,) of the innovations makes: (J'J)⁻¹ J'x."""
-    lengths = np.linalg.norm(jacobian, axis=0)
-    lengths[lengths == 0] = 1.0
-    moved, *_ = np.linalg.lstsq(jacobian / lengths, heights, rcond=None)
-    return np.asarray(moved / lengths)
-
-
-def _share_of_sd(fit: Fit, moved: Array) -> float:
-    """The largest change of a parameter, in its standard deviations."""
-    sd = np.sqrt(np.diag(fit.covariance))
-    return float(np.max(np.abs(moved[sd > 0]) / sd[sd > 0], initial=0.0))
-
-
-def _heights(fit: Fit, which: Sequence[NDArray[np.int64]]) -> Array:
-    """The spikes alone, each as far as it is from the line between its neighbours, in innovations (N,) of all records."""
-    parts = []
-    for record, indices in zip(fit.records, which, strict=True):
-        y, spike = record.data.y, np.zeros((len(record.data.y), 1))
-        others = np.setdiff1d(np.arange(len(y)), indices)
-        spike[indices, 0] = y[indices] - np.interp(indices, others, y[others])
-        parts.append(in_innovations(fit, record, spike)[:, 0])
-    return np.concatenate(parts)
 
 
 def spikes(y: Array, u: Array, quantum: float) -> NDArray[np.int64]:
