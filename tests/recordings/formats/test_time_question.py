@@ -85,3 +85,12 @@ def test_nanoseconds_are_recognised_by_the_ending_of_a_name(tmp_path: Path) -> N
 
     assert assigned["u"].t is not None
     assert assigned["u"].t[59] == pytest.approx(0.59)
+
+
+def test_two_times_with_units_of_their_own_are_asked_for_in_those(tmp_path: Path) -> None:
+    rows = (f"{20 * k},{0.02 * k:.3f},{k % 7},{3 * k}\n" for k in range(60))
+    recording = loaded(tmp_path, "t_ms,t_sec,u [V],angle [deg]\n" + "".join(rows))
+
+    assert question(recording).endswith(
+        "say `time=t_ms:ms` or `time=t_sec:s`; otherwise `sample_time=SECONDS`"
+    )

@@ -8,8 +8,7 @@ from servobench.core.channels import Array
 from servobench.core.units import unit
 from servobench.recordings.formats.choice import long_columns
 from servobench.recordings.formats.clock_columns import clock_of, clock_unit, repeats_rows
-from servobench.recordings.formats.columns import TIME_NAMES, quote
-from servobench.recordings.formats.epoch import epoch_unit
+from servobench.recordings.formats.columns import TIME_NAMES, heading, quote
 from servobench.recordings.formats.roles import ColumnSpec, plain_name, shell_text
 from servobench.recordings.formats.time_steps import about_steps, is_named_step, step_unit
 from servobench.recordings.formats.times import mean_step
@@ -39,16 +38,14 @@ def _about_candidates(candidates: list[Series], why: str) -> str:
     if not 0 < len(growing) <= _FEW:
         return ""
     names = [each.channel.name for each in growing]
-    units = [epoch_unit(each.values) or "s" for each in growing]
+    known = [clock_unit(each) for each in growing]
     options = [
-        f"`time={shell_text(str(ColumnSpec(column=name, unit=symbol)))}`"
-        for name, symbol in zip(names, units, strict=True)
+        f"`time={shell_text(str(ColumnSpec(column=name, unit=symbol or 's')))}`"
+        for name, symbol in zip(names, known, strict=True)
     ]
-    others = "or :ms, or what the unit is" if "ms" not in units else "or what the unit is"
-    return (
-        f"the times: {quote(names)} may be the time {why}: say {' or '.join(options)}, {others}; otherwise "
-        "`sample_time=SECONDS`"
-    )
+    named = all(each.channel.unit or heading(each.channel.name).unit for each in growing)
+    others = "" if named else ", or what the unit is" if "ms" in known else ", or :ms, or what the unit is"
+    return f"the times: {quote(names)} may be the time {why}: say {' or '.join(options)}{others}; otherwise `sample_time=SECONDS`"
 
 
 def _about_clocks(recording: Recording, named: list[Series]) -> str:
