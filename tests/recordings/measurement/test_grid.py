@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from servobench.recordings.measurement.grid import grid_step
+from servobench.recordings.measurement.grid import grid_step, steps_behind_decimals
 
 t = 0.002 * np.arange(3000)
 MOVING = 40.0 * t - 4.0 * (1.0 - np.exp(-t / 0.1)) + np.sin(3.0 * t)
@@ -67,3 +67,22 @@ def test_the_step_is_found_where_most_values_occur_once_and_no_two_are_further_a
 @pytest.mark.parametrize("held", [2, 3, 2.5])
 def test_a_steady_ramp_that_is_held_over_some_rows_is_no_grid(held: float) -> None:
     assert grid_step(np.floor(np.arange(40) / held)[: int(2 * held) + 4] * 0.1) is None
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+@pytest.mark.parametrize("decimals", [2, 3])
+def test_the_steps_of_a_sensor_show_behind_rounded_degrees(bits: int, decimals: int) -> None:
+    counts = np.cumsum(np.random.default_rng(bits).integers(0, 9, 200))
+    printed = np.deg2rad(np.round(counts * 360.0 / 2**bits, decimals))
+
+    assert steps_behind_decimals(printed, np.deg2rad(10.0**-decimals)) == 2**bits
+
+
+def test_degrees_of_no_such_sensor_have_none() -> None:
+    degrees = np.round(np.random.default_rng(1).uniform(-400.0, 400.0, 200), 2)
+    step = np.deg2rad(0.01)
+
+    assert steps_behind_decimals(np.deg2rad(degrees), step) is None  # an angle without steps
+    assert steps_behind_decimals(np.deg2rad(np.arange(200) * 0.36), step) is None  # 1,000 steps in a turn
+    assert steps_behind_decimals(np.deg2rad(np.arange(20) * 360.0 / 4096), step) is None  # too few to tell
+    assert steps_behind_decimals(np.deg2rad(np.arange(200) * 360.0 / 2**14), step) is None  # too fine to tell

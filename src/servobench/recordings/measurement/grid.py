@@ -12,6 +12,10 @@ _FINEST = 1e-6  # of the range; what is finer is the floating-point grid, or doe
 _DIVISORS = range(
     1, 13
 )  # the shortest distance may be several steps: no two neighbours on the grid need occur
+_PLENTY = (
+    30  # distinct values; a quarter of all lie that near to a step, so by chance all of them do once in 10^18
+)
+_BITS = range(8, 17)  # of a sensor
 
 
 def grid_step(x: Array) -> float | None:
@@ -34,6 +38,23 @@ def grid_step(x: Array) -> float | None:
         evident = len(np.unique(multiples)) >= 3 or len(steps) < 0.5 * len(x) or _count_durations(x) >= 3
         if fits and evident and step > _FINEST * span:
             return step
+    return None
+
+
+def steps_behind_decimals(x: Array, step: float) -> int | None:
+    """Return the number of steps in a turn of a sensor whose angles x (N,) [rad] were rounded to multiples of `step` [rad] later.
+
+    A magnetic encoder of 12 bits that is printed in hundredths of a degree has 4096. Only powers of two are looked for, whose
+    steps are at least four times as large; x counts from the sensor's zero. None where there is none.
+    """
+    values = np.unique(x)
+    if len(values) < _PLENTY:
+        return None
+    for bits in _BITS:
+        steps = values * (2**bits / (2.0 * np.pi))
+        off = np.abs(steps - np.rint(steps)).max() * (2.0 * np.pi / 2**bits)
+        if 2.0 * np.pi / 2**bits >= 4.0 * step and off <= (0.5 + _MISFIT) * step:
+            return int(2**bits)
     return None
 
 

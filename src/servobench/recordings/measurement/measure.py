@@ -29,7 +29,7 @@ from servobench.recordings.measurement.column import (
 )
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.fresh_samples import drop_repeats
-from servobench.recordings.measurement.grid import grid_step
+from servobench.recordings.measurement.grid import grid_step, steps_behind_decimals
 from servobench.recordings.measurement.point_of_thousands import are_thousands
 from servobench.recordings.measurement.scale import Scale
 from servobench.recordings.measurement.tachometer import Tachometer
@@ -250,6 +250,15 @@ def _with_quantum(column: Column, channel: Channel) -> tuple[Column, list[Findin
     step = grid_step(column.x)
     if step is None:
         return column, []
+    counts = steps_behind_decimals(column.x, step) if column.unit == "rad" else None
+    if counts is not None:
+        sensor = 2.0 * np.pi / counts
+        sentence = (
+            f"All values of {column.name!r} are angles of a sensor with {counts} steps in a turn, rounded to {step:.4g} rad when "
+            "they were written; the sensor's steps are used as they were before."
+        )
+        column = replace(column, x=sensor * np.rint(column.x / sensor), quantum=sensor)
+        return column, [info("quantum-found", sentence)]
     turn = f" ({2.0 * np.pi / step:.6g} in a turn)" if column.unit == "rad" else ""
     sentence = (
         f"All values of {column.name!r} lie on a grid of {step:.6g} {column.unit}{turn}; that is used as "
