@@ -225,9 +225,12 @@ def _identify(
     findings = [finding for record in records for finding in record.findings]
     records, restored = with_counts_restored(records, estimator)
     findings += [*restored, *about_data(records, nominal_motor(nominal))]
-    records, spikes = without_spikes(records) if estimator == "auto" else (records, [])
+    if estimator == "auto":
+        records, spikes = without_spikes(records)
+        validate_on, others = without_spikes(validate_on)
+        findings += [*spikes, *others]
     records, left_out = stretches_of_motion(records)
-    findings += [*spikes, *left_out]
+    findings += left_out
     judged = _Judgement(causes=Causes(records))
     try:
         if verdict(findings) is not Verdict.REFUSED:

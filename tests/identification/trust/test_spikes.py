@@ -178,3 +178,17 @@ def test_spikes_behind_a_filter_or_for_a_method_asked_for_stay_and_are_doubted(n
     for result in (identify(spiky, estimator="output_error"), identify(filtered)):
         assert severity(result) == Severity.WARNING
         assert result.verdict is Verdict.DOUBTFUL
+
+
+def test_a_record_to_validate_on_is_held_against_the_model_without_its_spikes(noisy: Dataset) -> None:
+    other = dataset(seed=2, kind="prbs", samples=2000)
+    speed = np.gradient(other.y, other.t_output) + np.random.default_rng(5).normal(0.0, 1.0, len(other.y))
+    other = replace(other, name="other", y=speed, kind="speed", output_unit="rad/s", quantum=None)
+    spiky = with_spikes(other, 500.0, -500.0)
+
+    clean, result = (identify(noisy, validate_on=each) for each in (other, spiky))
+
+    assert result.validation is not None
+    assert clean.validation is not None
+    assert result.validation.fit_percent == pytest.approx(clean.validation.fit_percent, abs=0.1)
+    assert severity(result) == Severity.INFO
