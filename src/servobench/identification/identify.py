@@ -241,7 +241,7 @@ def _identify(
     simulated = judged.fit.fit_percent if judged.fit else np.nan
     if is_unexplained(_without_consequences(findings), simulated):
         codes = {finding.code for finding in findings}
-        causes = judged.causes.explain(simulated)
+        causes = judged.causes.explain(simulated, _relative_half_width(judged.answers))
         new = [cause for cause in causes if cause.code not in codes and not _in_model(cause, judged.fit)]
         findings = [*new, *findings]  # what is wrong says more than that something is
     return Result(
@@ -313,6 +313,14 @@ def _judge(
         nominal=_compare(fit, nominal, statuses),
         motor=motor,
     )
+
+
+def _relative_half_width(answers: Mapping[str, ParameterStatus]) -> float:
+    """Half of the gain's interval as a part of the gain; 0 where the gain isn't known."""
+    gain = answers.get("gain")
+    if gain is None or gain.state is not State.KNOWN:
+        return 0.0
+    return gain.estimate.half_width / abs(gain.estimate.value)
 
 
 def _about_known(findings: Sequence[Finding], answers: Mapping[str, ParameterStatus]) -> list[Finding]:

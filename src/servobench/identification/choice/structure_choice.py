@@ -39,7 +39,7 @@ from servobench.identification.models.level import single_level
 from servobench.identification.models.motion import stands, turns_both_ways
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
-from servobench.identification.trust.doubts.spikes import spikes_of
+from servobench.identification.trust.doubts.spikes import had_spikes
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import beside_torque, score_terms
 from servobench.identification.trust.validation import explains_the_colour, is_rounding
@@ -325,7 +325,7 @@ def _climb(
 
 def _is_damaged(causes: Causes, fit: Fit) -> bool:
     """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
-    if any(len(spikes_of(record)) for record in causes.records):
+    if any(map(had_spikes, causes.records)):
         return True
     findings = [finding for record in causes.records for finding in record.findings]
     return names_a_cause([*findings, *about_data(causes.records)]) or causes.are_damage(fit.fit_percent)

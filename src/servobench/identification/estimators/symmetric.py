@@ -93,30 +93,33 @@ def invert(information: Array, out: Array) -> float:
 
 @compiled
 def solve(a: Array, x: Array) -> None:
-    """Replace x (P,) by the solution of A s = x for a symmetric matrix (P, P), which is overwritten.
+    """Replace x (P,) by the solution of A s = x for a symmetric matrix (P, P); of a singular one by the shortest of all s.
 
-    Cholesky's factors where the matrix is positive definite beyond rounding; else the shortest of all s, along the
-    eigenvectors of which it says something.
+    Gauss's elimination with a pivot from each column: along what a matrix hardly determines a step is long, and a search that
+    cuts it at its bounds gets out of a valley that way.
     """
     size = len(a)
-    lower = np.empty((size, size))
+    left, right = a.copy(), x.copy()
     for k in range(size):
-        for i in range(k, size):
-            value = a[i, k]
-            for n in range(k):
-                value -= lower[i, n] * lower[k, n]
-            if i == k and not value > _LEAST * a[k, k]:
-                solve_shortest(a, x)
-                return
-            lower[i, k] = math.sqrt(value) if i == k else value / lower[k, k]
-    for i in range(size):
-        for n in range(i):
-            x[i] -= lower[i, n] * x[n]
-        x[i] /= lower[i, i]
+        pivot = k
+        for i in range(k + 1, size):
+            if abs(left[i, k]) > abs(left[pivot, k]):
+                pivot = i
+        if left[pivot, k] == 0.0:
+            solve_shortest(a, x)
+            return
+        for n in range(k, size):
+            left[k, n], left[pivot, n] = left[pivot, n], left[k, n]
+        right[k], right[pivot] = right[pivot], right[k]
+        for i in range(k + 1, size):
+            factor = left[i, k] / left[k, k]
+            for n in range(k + 1, size):
+                left[i, n] -= factor * left[k, n]
+            right[i] -= factor * right[k]
     for i in range(size - 1, -1, -1):
         for n in range(i + 1, size):
-            x[i] -= lower[n, i] * x[n]
-        x[i] /= lower[i, i]
+            right[i] -= left[i, n] * x[n]
+        x[i] = right[i] / left[i, i]
 
 
 @compiled

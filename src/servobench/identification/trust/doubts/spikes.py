@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.formats.times import in_words
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
+
+CODE = "output-spikes"
+"""The code of findings on spikes."""
 
 _LARGE = 6.0  # times what is usual among the largest second differences
 _SHORTEST = 20  # samples of a record in which one that lies off can be recognised
@@ -34,10 +38,17 @@ def without_spikes(records: Sequence[Dataset]) -> tuple[tuple[Dataset, ...], lis
     cleaned, findings = [], []
     for data in records:
         which = np.array([], dtype=np.int64) if data.chain.linear else _all_spikes(data)
-        cleaned.append(data.without(which) if len(which) else data)
         if len(which):
-            findings.append(_finding(info, data, which, "these values are left out"))
+            left_out = _finding(info, data, which, "these values are left out")
+            data = replace(data.without(which), findings=(*data.findings, left_out))
+            findings.append(left_out)
+        cleaned.append(data)
     return tuple(cleaned), findings
+
+
+def had_spikes(data: Dataset) -> bool:
+    """Return whether the output has spikes, or had some that were left out."""
+    return any(each.code == CODE for each in data.findings) or len(spikes_of(data)) > 0
 
 
 def _all_spikes(data: Dataset) -> NDArray[np.int64]:
@@ -76,7 +87,7 @@ def _finding(say: Callable[..., Finding], data: Dataset, which: NDArray[np.int64
     """What to say of spikes (K,), and what comes of it (`so`)."""
     where = f"{in_words(data.row_numbers(which), 'sample')} ({data.in_seconds(data.t_output[which[0]])})"
     return say(
-        "output-spikes",
+        CODE,
         f"{data.name}: the output jumps away and back again within a sample or two in {where}, which no shaft does. It is cable "
         f"noise or a lost count; {so}.",
         parameters=("gain", "time_constant"),
@@ -168,4 +179,4 @@ def _goes_on(y: Array, k: int, width: int = 1) -> bool:
     )
 
 
-DOUBTS.member("spikes")(Doubt(codes=("output-spikes",), about_fit=_about_fit))
+DOUBTS.member("spikes")(Doubt(codes=(CODE,), about_fit=_about_fit))

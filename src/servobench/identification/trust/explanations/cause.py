@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ class CauseFit:
 
     `structural` is a cause that lies in the motor, so that a richer structure or the intervals may hold it; the others lie in the
     record.
+    `change` is by how much it changes the gain at most, as a part of it, where that is known: the gain's interval may allow for
+    it already.
     What a fit has to bear it out with is `remedy`, which takes the cause out of a record, or the name of a `structure` that has
     it; without either the equation's word is enough.
     """
@@ -23,5 +26,6 @@ class CauseFit:
     misfit: float
     chosen: int = 1
     structural: bool = False
+    change: float = math.inf
     remedy: Callable[[Dataset], Dataset] | None = None
     structure: str = ""

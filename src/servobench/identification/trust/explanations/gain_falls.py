@@ -40,6 +40,7 @@ def _gain_falls(case: Case) -> CauseFit | None:
         finding=warning("gain-falls", _sentence(case, bend, slope), parameters=("gain",)),
         misfit=clipped.misfit,
         chosen=1,
+        change=(1.0 - slope) * (1.0 - bend / largest),
         remedy=lambda data: replace(data, u=_bent(data.u, bend, slope), reference=None),
     )
 
