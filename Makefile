@@ -7,7 +7,7 @@ UV ?= uv
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help demo demo-rig firmware test test-long check generate bench accuracy docs lock clean environment
+.PHONY: help demo demo-rig firmware test test-long test-all check generate bench accuracy docs lock clean environment
 
 help:  ## list the chores
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -26,6 +26,9 @@ test: $(INSTALLED)  ## run the tests, three files at a time, as many of them wai
 
 test-long: $(INSTALLED)  ## run what takes long and a test of `make test` shows in part: many runs, thousands of damaged files
 	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal -m long $(ARGS)
+
+test-all: $(INSTALLED)  ## run both in one go: what waits and what computes, short and long, in turns, and each file read once
+	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder -m "long or not long" $(ARGS)
 
 check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/ruff format --check .
@@ -64,8 +67,10 @@ environment: $(INSTALLED)  ## create or renew .venv
 
 $(INSTALLED): requirements.lock pyproject.toml | $(BIN)/python
 	@echo "setting up .venv; this is done once"
-	$(PIP) --require-hashes -r requirements.lock
+	$(PIP) --no-compile --require-hashes -r requirements.lock
 	$(PIP) --no-deps --no-build-isolation -e .
+	@# pip would compile one file after the other; some aren't meant for this Python, which it doesn't tell either.
+	@$(BIN)/python -m compileall -qq -j 0 src .venv/lib/python*/site-packages || true
 	@touch $@
 
 # Debian packs ensurepip apart (python3-venv); without it the new environment has no pip, and PYTHON's own does the work.

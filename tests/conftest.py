@@ -84,6 +84,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put files that wait in turns with files that compute, so that neither kind has the processors, or the end, to itself.
 
+    Of each kind those with long tests come first: a process that got such a file last would be the only one at work for minutes.
     Where all files are read, a test that `make test-long` would never come across is an error.
     """
     long = {item.path for item in items if item.get_closest_marker("long")}
@@ -99,9 +100,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     }
     waiting = sorted(
         (path for path in files if folders.get(path) in WAITING),
-        key=lambda path: WAITING.index(folders[path]),
+        key=lambda path: (path not in long, WAITING.index(folders[path])),
     )
     computing = [path for path in files if folders.get(path) not in WAITING]
+    computing.sort(key=lambda path: path not in long)
     turns = [path for pair in zip_longest(waiting, computing) for path in pair if path is not None]
     places = {path: place for place, path in enumerate(turns)}
     items.sort(key=lambda item: places[item.path])
