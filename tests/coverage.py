@@ -15,7 +15,11 @@ from scipy import stats
 FEW = 12
 SOME = 40
 RUNS = [FEW, pytest.param(200, marks=pytest.mark.long)]
-"""As a parameter `runs` of a test: a few, and in `make test-long` many, of which the first SOME are checked by themselves too."""
+"""As a parameter `runs` of a test: a few, and in `make test-long` many, of which the first SOME are checked by themselves too.
+
+Where one process runs both, as in `make test-all`, the few are the first ones of the many: what comes of a seed is kept
+(`functools.cache`), and not worked out twice.
+"""
 
 
 def fewest_and_most(runs: int) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -119,6 +120,24 @@ def excitations(ticks: int, seed: int) -> list[np.ndarray]:
     ]
 
 
+@cache
+def check_no_alarm(number: int, motor: tuple[float, ...]) -> float:
+    """Hold that a motor raises none under any signal; the time [s] that was simulated. The few motors are some of the many."""
+    ticks, simulated = 4500, 0.0
+    for voltages in excitations(ticks, number):
+        with Bench(
+            current_sensor=number % 2 == 0,
+            current_noise="5 mA",
+            torque_noise="20 uN·m/√Hz",
+            **off(*motor),
+        ) as device:
+            guarded = drive(device, voltages.tolist(), sample_time=0.005, seed=number)
+            assert guarded.fault is None, guarded.fault
+            assert guarded.findings() == ()
+            simulated += ticks * 0.005
+    return simulated
+
+
 @pytest.mark.promise("S8")
 @pytest.mark.parametrize(("within", "least"), [(0, 0.4), pytest.param(10, 1.0, marks=pytest.mark.long)])
 def test_motors_within_20_percent_raise_no_alarm(within: int, least: float) -> None:
@@ -126,20 +145,7 @@ def test_motors_within_20_percent_raise_no_alarm(within: int, least: float) -> N
     random = np.random.default_rng(9)
     corners = [(*corner, 1.2) for corner in product([0.8, 1.2], repeat=3)]
     motors = [*corners, *(tuple(random.uniform(0.8, 1.2, 4)) for _ in range(within))]
-    ticks, simulated = 4500, 0.0
-    for number, motor in enumerate(motors):
-        for voltages in excitations(ticks, number):
-            with Bench(
-                current_sensor=number % 2 == 0,
-                current_noise="5 mA",
-                torque_noise="20 uN·m/√Hz",
-                **off(*motor),
-            ) as device:
-                guarded = drive(device, voltages.tolist(), sample_time=0.005, seed=number)
-                assert guarded.fault is None, guarded.fault
-                assert guarded.findings() == ()
-                simulated += ticks * 0.005
-    assert simulated >= 3600 * least
+    assert sum(check_no_alarm(number, motor) for number, motor in enumerate(motors)) >= 3600 * least
 
 
 @pytest.mark.promise("S8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -68,6 +69,13 @@ def stalled(
     )  # fmt: skip
 
 
+@cache
+def intervals(seed: int, kind: str, structure: str) -> dict[str, tuple[float, float]]:
+    """What is found with that seed, kept as the few runs are the first ones of the many."""
+    found = motor_parameters(fitted(with_current(seed, kind), structure))
+    return {name: found[name].interval for name in TRUTH}
+
+
 @pytest.mark.parametrize(("runs", "fewest"), [(20, 16), pytest.param(60, 51, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("kind", "structure"), [("prbs", "first_order_coulomb"), ("square", "first_order_one_way")]
@@ -76,10 +84,8 @@ def test_intervals_from_a_measured_current_cover(kind: str, structure: str, runs
     """If each covers with 95 %, fewer than 16 of 20 happen once in 390 sets, fewer than 51 of 60 once in 1300 (binomial)."""
     hits = dict.fromkeys(TRUTH, 0)
     for seed in range(runs):
-        found = motor_parameters(fitted(with_current(seed, kind), structure))
-        for name, value in TRUTH.items():
-            low, high = found[name].interval
-            hits[name] += low <= value <= high
+        for name, (low, high) in intervals(seed, kind, structure).items():
+            hits[name] += low <= TRUTH[name] <= high
     assert min(hits.values()) >= fewest, hits
 
 

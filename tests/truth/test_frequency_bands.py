@@ -5,13 +5,15 @@ The truth is a linear motor between its samples, in closed form: G = K e^(-ds)/(
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servobench.core.estimate import Estimate
 from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.estimators.frequency_response import bode_readings, frequency_response
 from servobench.identification.models.base import STRUCTURES
@@ -153,6 +155,28 @@ CASES = [
 ]
 
 
+@cache
+def fitted(
+    case: Callable[[Motor, np.random.Generator], Dataset], seed: int
+) -> tuple[Motor, Mapping[str, Estimate]]:
+    """A motor that is drawn with that seed, and what is found of it."""
+    random = np.random.default_rng([7, seed])
+    motor = drawn(random)
+    return motor, ESTIMATORS["frequency_response"].fit(
+        STRUCTURES["first_order"], [case(motor, random)]
+    ).estimates
+
+
+@cache
+def within_bands(case: Callable[[Motor, np.random.Generator], Dataset], seed: int) -> NDArray[np.bool_]:
+    """Which points of a frequency response lie no further from the truth than the circle that holds 95 %."""
+    random = np.random.default_rng([8, seed])
+    motor = drawn(random)
+    points = frequency_response(case(motor, random)).as_speed()
+    off = np.abs(points.response - motor.response(points.omega))
+    return np.asarray(off <= np.sqrt(-2 * np.log(0.05)) * points.sd)
+
+
 @pytest.mark.parametrize("runs", coverage.RUNS)
 @pytest.mark.parametrize("case", CASES)
 def test_95_percent_intervals_of_the_fit_cover(
@@ -166,11 +190,9 @@ def test_95_percent_intervals_of_the_fit_cover(
     covers: dict[str, list[bool]] = {"gain": [], "time_constant": [], "delay": []}
     offs: dict[str, list[float]] = {"gain": [], "time_constant": []}
     for seed in range(runs):
-        random = np.random.default_rng([7, seed])
-        motor = drawn(random)
-        fit = ESTIMATORS["frequency_response"].fit(STRUCTURES["first_order"], [case(motor, random)])
+        motor, found = fitted(case, seed)
         for name, truth in (("gain", motor.gain), ("time_constant", motor.tau), ("delay", motor.delay)):
-            low, high = fit[name].interval
+            low, high = found[name].interval
             covers[name].append(low <= truth <= high)
             if name in offs:
                 offs[name].append(coverage.off((low, high), truth))
@@ -189,35 +211,37 @@ def test_95_percent_bands_of_points_cover(
 ) -> None:
     """Points are many, and those of a run hardly depend on each other: of 20 runs 500 at least, 95 ± 1 %. An encoder's rounding
     isn't quite noise, so that three times as much is allowed on both sides; √2 times that of half as many."""
-    within = []
-    for seed in range(runs):
-        random = np.random.default_rng([8, seed])
-        motor = drawn(random)
-        points = frequency_response(case(motor, random)).as_speed()
-        off = np.abs(points.response - motor.response(points.omega))
-        within.append(off <= np.sqrt(-2 * np.log(0.05)) * points.sd)  # the circle that holds 95 %
+    within = [within_bands(case, seed) for seed in range(runs)]
     assert abs(np.mean(np.concatenate(within)) - 0.95) <= 0.03 * np.sqrt(20 / runs)
+
+
+@cache
+def speed_under_sines() -> tuple[Array, Array]:
+    """The input and the speed; without a random torque, so it is the same in each run."""
+    n = np.arange(2000)
+    u = 2 + np.concatenate([np.sin(2 * np.pi * f * T * n) for f in (0.3, 0.7, 1.3, 2.9, 5.3)])
+    return u, Motor(delay=0.0015).states(u, np.random.default_rng(9))[1]
+
+
+@cache
+def readings_of_sines(seed: int) -> Mapping[str, Estimate]:
+    u, speed = speed_under_sines()
+    y = speed + 0.3 * np.random.default_rng([9, seed]).standard_normal(len(u))
+    return bode_readings(frequency_response(record(u, y, "speed")))
 
 
 @pytest.mark.parametrize("runs", [20, pytest.param(60, marks=pytest.mark.long)])
 def test_magnitude_and_phase_of_sines_give_the_same_time_constant_and_cover(runs: int) -> None:
     """Five sines of 8 s each, one after the other in one record."""
     covered = {"gain": 0, "time_constant_from_magnitude": 0, "time_constant_from_phase": 0, "corner": 0}
-    delay = 0.0015
     true = {
         "gain": 23.0,
         "time_constant_from_magnitude": 0.1,
         "time_constant_from_phase": 0.1,
         "corner": 10.0,
     }
-    n = np.arange(2000)
-    u = 2 + np.concatenate([np.sin(2 * np.pi * f * T * n) for f in (0.3, 0.7, 1.3, 2.9, 5.3)])
-    speed = Motor(delay=delay).states(u, np.random.default_rng(9))[
-        1
-    ]  # without a random torque, so it is the same in each run
     for seed in range(runs):
-        y = speed + 0.3 * np.random.default_rng([9, seed]).standard_normal(len(u))
-        found = bode_readings(frequency_response(record(u, y, "speed")))
+        found = readings_of_sines(seed)
         for name, count in covered.items():
             low, high = found[name].interval
             covered[name] = count + (low <= true[name] <= high)

@@ -5,11 +5,14 @@ The truth is that of the linear motor: gain k/(R b + k²), time constant of its 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
 from typing import Literal
 
 import numpy as np
 import pytest
 
+from servobench.core.estimate import Estimate
 from servobench.identification.identify import identify
 from tests import coverage
 from tests.datasets import dataset
@@ -37,6 +40,14 @@ def test_the_default_motor_is_hit_within_3_3_standard_deviations(kind: Literal["
         assert abs(fit[name].value - truth) < 3.3 * fit[name].sd, name
 
 
+@cache
+def estimates(seed: int, kind: Literal["square", "prbs"], hold: int = 50) -> Mapping[str, Estimate]:
+    """What is found of the motor that was drawn with that seed."""
+    fit = identify(dataset(seed=seed, kind=kind, truth=drawn(seed), hold=hold)).fit
+    assert fit is not None
+    return fit.estimates
+
+
 @pytest.mark.parametrize("runs", coverage.RUNS)
 @pytest.mark.parametrize("kind", ["square", "prbs"])
 def test_95_percent_intervals_cover(kind: Literal["square", "prbs"], runs: int) -> None:
@@ -47,13 +58,11 @@ def test_95_percent_intervals_cover(kind: Literal["square", "prbs"], runs: int) 
     offs: dict[str, list[float]] = {"gain": [], "time_constant": []}
     covers: dict[str, list[bool]] = {"gain": [], "time_constant": []}
     for seed in range(runs):
-        truth = drawn(seed)
-        fit = identify(dataset(seed=seed, kind=kind, truth=truth)).fit
-        assert fit is not None
+        truth, found = answers(drawn(seed)), estimates(seed, kind)
         for name in covers:
-            low, high = fit[name].interval
-            covers[name].append(low <= answers(truth)[name] <= high)
-            offs[name].append(coverage.off((low, high), answers(truth)[name]))
+            low, high = found[name].interval
+            covers[name].append(low <= truth[name] <= high)
+            offs[name].append(coverage.off((low, high), truth[name]))
     for name, each in covers.items():
         coverage.check_counts(name, each)
         coverage.check_spread(name, offs[name])
@@ -104,10 +113,8 @@ def test_reversals_right_after_a_switch_are_allowed_for(runs: int) -> None:
     """
     covered, worst = 0, 0.0
     for seed in range(runs):
-        truth = drawn(seed)
-        fit = identify(dataset(seed=seed, kind="prbs", truth=truth, hold=20)).fit
-        assert fit is not None
-        covered += fit["gain"].interval[0] <= answers(truth)["gain"] <= fit["gain"].interval[1]
-        worst = max(worst, abs(fit["gain"].value - answers(truth)["gain"]) / fit["gain"].sd)
+        truth, found = answers(drawn(seed))["gain"], estimates(seed, "prbs", hold=20)["gain"]
+        covered += found.interval[0] <= truth <= found.interval[1]
+        worst = max(worst, abs(found.value - truth) / found.sd)
     assert covered >= 0.91 * runs
     assert worst < 4.5  # 1 run in 150,000 of a normal distribution
