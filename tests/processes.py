@@ -1,7 +1,9 @@
-"""The processes of this machine, by Linux."""
+"""The processes of this machine, by Linux, and what only one of them does at a time."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -28,3 +30,13 @@ def most_memory(pid: int) -> int:
     """
     status = Path(f"/proc/{pid}/status").read_text()
     return 1024 * int(status.split("VmHWM:")[1].split()[0])
+
+
+@contextmanager
+def alone(lock: Path) -> Iterator[None]:
+    """Keep other processes waiting that want to do the same, until this one has done it or has ended."""
+    import fcntl
+
+    with lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 import sysconfig
 from pathlib import Path
 
 import pytest
+
+from tests.processes import alone
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -17,7 +21,26 @@ def python(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     """A Python that can import servobench, freshly installed or not."""
     if request.param == "here":
         return Path(sys.executable)
-    return install_fresh(tmp_path_factory.mktemp("fresh") / "env")
+    # One for all processes that run tests: building takes some seconds, and the first commands half a minute, as they compile.
+    shared = tmp_path_factory.getbasetemp()
+    shared = shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared
+    with alone(shared / "fresh.lock"):
+        ready = shared / "fresh.ready"
+        if not ready.exists():
+            shutil.rmtree(shared / "fresh", ignore_errors=True)  # a first try that went wrong
+            found = install_fresh(shared / "fresh" / "env")
+            compile_kernels(found, shared / "fresh")
+            ready.touch()
+    return shared / "fresh" / "env" / "bin" / "python"
+
+
+def compile_kernels(python: Path, folder: Path) -> None:
+    """Run and identify, as a user of a fresh installation does first: two at a time would compile the same kernels."""
+    done = subprocess.run(
+        [python, "-m", "servobench", "run", "--out", folder / "run"],
+        cwd=folder, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
 
 
 def install_fresh(place: Path) -> Path:

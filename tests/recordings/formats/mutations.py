@@ -119,10 +119,10 @@ def _outcome(path: Path) -> str:
 def main(file: str, seed: str, count: str) -> None:
     """Read damaged copies of a file and print how often each thing came of it, and the most memory that it took, as JSON."""
     warnings.simplefilter("error")
-    reader_process._SECONDS = _PATIENCE
     path = Path(file)
     data = path.read_bytes()
-    load(path)  # libraries are loaded, and caches filled
+    load(path)  # libraries are loaded, which takes as long as it takes, and caches filled
+    reader_process._SECONDS = _PATIENCE
     outcomes: Counter[str] = Counter()
     for damaged in mutations(data, int(seed), int(count)):
         refill(path, damaged or b"\n")
