@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,13 +97,17 @@ class Reader:
         for cell in codes:
             session += f"{cell.text}\nprint({_END!r})\n"
         self.run([sys.executable, "-W", "error", "-c", session], 0, notebook.name)
-        printed = iter(self.printed.split(f"{_END}\n"))
-        for cell in cells:
+        self.compare_cells(notebook, self.printed.split(f"{_END}\n"))
+        return len(codes)
+
+    def compare_cells(self, notebook: Path, outputs: Sequence[str]) -> None:
+        """Hold what a notebook shows against what its cells printed, one after the other."""
+        printed = iter(outputs)
+        for cell in blocks(notebook):
             if cell.language == "python":
                 self.printed = next(printed)
             elif cell.language == "text":
                 self.compare(cell.text, f"{notebook.name}:{cell.line}")
-        return len(codes)
 
     def type(self, command: str, comment: str, where: str) -> None:
         """Run a command; its comment may say the exit status, or that Ctrl-C ends it."""

@@ -12,6 +12,7 @@ import pytest
 from nbclient import NotebookClient
 
 from tests.datasets import dataset
+from tests.docs.pages import Reader
 from tests.rig.motor.reference import Truth
 from tests.stories.scripts import run_script
 
@@ -139,6 +140,20 @@ def test_a_notebook_runs_in_a_kernel_of_jupyter_and_shows_a_table(tmp_path: Path
 
 @pytest.mark.long
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
-def test_every_notebook_runs_in_a_kernel_of_jupyter(page: Path, tmp_path: Path) -> None:
-    """A cell that fails raises; what the cells print is compared by tests/docs/test_examples.py."""
-    assert run_in_jupyter(jupytext.read(page), tmp_path).cells
+def test_every_notebook_runs_in_a_kernel_of_jupyter_and_prints_what_it_shows(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cell that fails raises, and so does one that warns."""
+    monkeypatch.setenv("COLUMNS", "80")
+    reader = Reader(tmp_path)
+    notebook = jupytext.read(page)
+    notebook.cells.insert(0, nbformat.v4.new_code_cell("import warnings\nwarnings.simplefilter('error')"))
+
+    done = run_in_jupyter(notebook, tmp_path)
+
+    _, *printed = [
+        "".join(output.text for output in cell.outputs if output.output_type == "stream")
+        for cell in done.cells
+        if cell.cell_type == "code"
+    ]
+    reader.compare_cells(page, printed)
