@@ -17,7 +17,13 @@ author = "the servobench authors"
 project_copyright = "the servobench authors, BSD-3-Clause"
 version = release = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "_extensions.mathml", "_extensions.docstrings"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "_extensions.mathml",
+    "_extensions.docstrings",
+    "_extensions.navigation",
+]
 exclude_patterns = ["_extensions"]
 templates_path: list[str] = []
 nitpicky = True

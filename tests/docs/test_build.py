@@ -89,3 +89,18 @@ def test_the_reference_shows_units_and_defaults_of_settings(built: Path) -> None
     text = re.sub(r"<[^>]+>", "", page)
 
     assert "frequency – Periods in a second (default 0.4 Hz)." in text
+
+
+def test_beside_a_page_stand_the_titles_of_all_pages_without_their_headings(
+    pages: set[str], built: Path
+) -> None:
+    page = built / "why" / "three-likelihoods.html"
+    found = re.search(r'<div class="sidebar-tree">(.*?)</div>', page.read_text(encoding="utf-8"), re.DOTALL)
+    assert found is not None
+    goals = re.findall(r'reference internal" href="([^"]+)"', found[1])
+
+    assert goals.count("#") == 1  # the page itself
+    listed = {(page.parent / goal).resolve().relative_to(built) for goal in goals if goal != "#"}
+    assert len(listed) == len(goals) - 1
+    others = {Path(each).with_suffix(".html") for each in pages - {"index.md", "why/three-likelihoods.md"}}
+    assert listed == others if pages == PAGES else listed <= others
