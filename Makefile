@@ -27,8 +27,8 @@ test: $(INSTALLED)  ## run the tests, three files at a time, as many of them wai
 test-long: $(INSTALLED)  ## run what takes long and a test of `make test` shows in part: many runs, thousands of damaged files
 	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal -m long $(ARGS)
 
-test-all: $(INSTALLED)  ## run both in one go: what waits and what computes, short and long, in turns, and each file read once
-	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder -m "long or not long" $(ARGS)
+test-all:  ## run both in one go: what waits and what computes, short and long, in turns, and each file read once
+	$(MAKE) test ARGS='-m "long or not long" $(ARGS)'
 
 check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/ruff format --check .
