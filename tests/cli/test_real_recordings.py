@@ -246,7 +246,7 @@ def test_romi_has_the_published_kv_and_ka_from_the_speeds_of_four_tests(
     # τ is known to half of itself: its interval has to hold the published kA/kV.
     assert holds(found["time_constant"], 0.237 / 2.318)
     assert {"output-stale", "residual-coloured"} <= codes(ended.result)
-    # For the spike in the left wheel's speed the intervals allow; the right one has none.
+    # The spike in the left wheel's speed is left out; the right one has none.
     assert ended.result["verdict"] == "trusted"
     assert ("output-spikes" in codes(ended.result)) is (side == "left")
 

@@ -297,7 +297,7 @@ _TABLE = (
     FindingCode("output-recognised", "A column was recognised as the output."),
     FindingCode("output-scaled", "The output was computed from a sensor's signal, with the sensitivity given by the user."),
     FindingCode("output-spikes", "The output has spikes of a sample or two.",
-        "Look at the cable and the driver; remove those samples.", Role.CAUSE),
+        "Look at the cable and the driver; where values are left out, their rows are named.", Role.CAUSE),
     FindingCode("output-stale", "The log repeats old values; only fresh ones are used."),
     FindingCode("output-still", "The output never moves, or at one speed only.", "Check the column and the shaft.", Role.CAUSE),
     FindingCode("output-stops", "The output stops at a fixed value while the motor should turn.",
