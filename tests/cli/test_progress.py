@@ -1,7 +1,7 @@
 """A command's progress messages are true, and appear only if they are wanted."""
 
 import io
-from threading import Event
+from threading import Event, Lock, Thread
 
 import numba
 import pytest
@@ -205,3 +205,17 @@ def test_compiling_is_reported_once_and_only_when_something_is_compiled(
 
     assert first.count("compiling") == 1
     assert capsys.readouterr().err == ""
+
+
+def test_ctrl_c_while_the_thread_starts_is_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python's lock fails in its place: "release unlocked lock"."""
+
+    def interrupted(thread: Thread) -> None:
+        try:
+            raise KeyboardInterrupt
+        finally:
+            Lock().release()
+
+    monkeypatch.setattr(Thread, "start", interrupted)
+    with pytest.raises(KeyboardInterrupt), Progress(stream=io.StringIO()):
+        pass

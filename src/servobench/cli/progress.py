@@ -69,7 +69,13 @@ class Progress:
 
     def __enter__(self) -> Self:
         if self._stream is not None:
-            self._thread.start()
+            try:
+                self._thread.start()
+            except RuntimeError as error:
+                # Ctrl-C may come while Python waits for the thread, and its lock fails then in place of it.
+                if isinstance(error.__context__, KeyboardInterrupt):
+                    raise error.__context__ from None
+                raise
         return self
 
     def __exit__(

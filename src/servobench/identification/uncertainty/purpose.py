@@ -11,7 +11,7 @@ from servobench.identification.uncertainty.identifiability import Combination, P
 _TURNED = math.radians(5)  # by which the phase margin may change over the interval of the lag
 _OF_NYQUIST = 0.2  # of half the sample rate: beyond, the loop's own ticks matter more than the motor's lag
 _FINEST = 0.01  # percent: no motor is the same from one hour to the next by less
-_SIMULATES = 80.0  # percent: a model that predicts less is good for no simulation
+_SIMULATES = 75.0  # percent: a model that predicts less is good for no simulation
 
 
 def good_for(
