@@ -192,3 +192,19 @@ def test_a_record_to_validate_on_is_held_against_the_model_without_its_spikes(no
     assert clean.validation is not None
     assert result.validation.fit_percent == pytest.approx(clean.validation.fit_percent, abs=0.1)
     assert severity(result) == Severity.INFO
+
+
+@pytest.mark.parametrize("samples", [60, 400])
+def test_the_answer_to_a_pulse_is_not_left_out(samples: int) -> None:
+    """A motor that is quicker than its samples answers in one of them; it may be all that the record says of it."""
+    u, y = np.zeros(samples), 0.1 * np.random.default_rng(1).standard_normal(samples)
+    u[samples // 2], y[samples // 2 + 1] = 12.0, 28.0
+    pulse = dataset(seed=1, samples=samples, sample_time=0.02, u=u, y=y)
+    pulse = replace(pulse, kind="speed", output_unit="rad/s", quantum=None)
+    false = replace(pulse, u=np.where(np.arange(samples) < 10, 0.0, 12.0))
+
+    assert spikes_of(pulse).tolist() == spikes_of(false).tolist() == [samples // 2 + 1]
+    assert without_spikes([pulse])[0][0] is pulse
+    assert len(without_spikes([false])[0][0].y) == samples - 1
+    goal = replace(false, input_unit="rad")  # a loop that has got there within a sample
+    assert without_spikes([goal])[0][0] is goal

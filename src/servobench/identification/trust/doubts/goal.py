@@ -9,7 +9,8 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.models.position_loop.goal import goal_finding
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
-_OF_A_SHAFT = frozenset({"rad", "rad/s", "m", "m/s"})
+OF_A_SHAFT = frozenset({"rad", "rad/s", "m", "m/s"})
+"""The units of an input that can't drive a motor, but may be what a loop was told."""
 
 
 def _about(fit: Fit) -> Sequence[Finding]:
@@ -23,7 +24,7 @@ def _about(fit: Fit) -> Sequence[Finding]:
 def _of_a_loop(fit: Fit) -> list[Finding]:
     """Whether the input is itself a position or a speed: then it is what a loop was told, and not what drove the motor."""
     unit = fit.records[0].data.input_unit
-    if unit not in _OF_A_SHAFT:
+    if unit not in OF_A_SHAFT:
         return []
     sentence = (
         f"The input is in {unit}, so it is the reference of a control loop. The model then "

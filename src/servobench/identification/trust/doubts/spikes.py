@@ -12,6 +12,7 @@ from servobench.core.channels import Array
 from servobench.core.finding import Finding, info, warning
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.goal import OF_A_SHAFT
 from servobench.recordings.formats.times import in_words
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
@@ -33,11 +34,13 @@ _MOST = 0.02  # of the samples: more than that isn't a few spikes but noise
 def without_spikes(records: Sequence[Dataset]) -> tuple[tuple[Dataset, ...], list[Finding]]:
     """Return the records without the spikes of their outputs, and what was left out; the inputs stay whole.
 
-    Behind a filter each reading is in many values, so such a record stays as it is, and its spikes are a doubt.
+    Behind a filter each reading is in many values, so such a record stays as it is, and its spikes are a doubt. So is one that a
+    pulse of the input may have made, or one step of a loop's reference.
     """
     cleaned, findings = [], []
     for data in records:
-        which = np.array([], dtype=np.int64) if data.chain.linear else _all_spikes(data)
+        stays = bool(data.chain.linear) or data.input_unit in OF_A_SHAFT
+        which = np.array([], dtype=np.int64) if stays else _undriven_spikes(data)
         if len(which):
             left_out = _finding(info, data, which, "these values are left out")
             data = replace(data.without(which), findings=(*data.findings, left_out))
@@ -51,15 +54,22 @@ def had_spikes(data: Dataset) -> bool:
     return any(each.code == CODE for each in data.findings) or len(spikes_of(data)) > 0
 
 
-def _all_spikes(data: Dataset) -> NDArray[np.int64]:
-    """The indices (K,) of the spikes, also of those that larger ones hid; none where they are too many to be a few."""
+def _undriven_spikes(data: Dataset) -> NDArray[np.int64]:
+    """The indices (K,) of the spikes that no input made, also of those that larger ones hid; none where they are too many.
+
+    Where the input goes there and back around a spike, a motor that is quicker than the samples may have followed it.
+    """
     which = np.array([], dtype=np.int64)
-    while len(more := spikes_of(data.without(which) if len(which) else data)):
+    while True:
         left = np.setdiff1d(np.arange(len(data.y)), which)
+        rest = data.without(which) if len(which) else data
+        u = rest.input_at_output
+        more = [k for k in spikes_of(rest).tolist() if _is_undriven(u, k)]
+        if not more:
+            return which
         which = np.union1d(which, left[more])
         if not len(_if_few(which, len(data.y))):
             return which[:0]
-    return which
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
