@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from servobench.core.errors import UsageError
-from servobench.identification.estimators.base import ESTIMATORS, fit_percent
+from servobench.identification.estimators.base import ESTIMATORS, Fit, fit_percent
 from servobench.identification.estimators.output_error import OutputError, simulate_record
 from servobench.identification.identify import identify
-from servobench.identification.models.base import STRUCTURES
+from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.result import Result
 from servobench.identification.trust.held_out import about_validation, cross_validate, cuts_for_validation
 from servobench.recordings.measurement.dataset import Dataset
@@ -121,6 +123,24 @@ def test_refits_begin_at_the_fit_and_guess_no_parameters(monkeypatch: pytest.Mon
     assert validation is not None
     assert len(validation.records) == 3
     assert validation.fit_percent > 99.9
+
+
+def test_a_rest_that_is_fitted_as_if_it_had_no_lag_tells_nothing_of_a_part(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """So ended the fits to the steady ends of a step: half a million seconds, a gain to match, and a prediction that stood."""
+    data, method = dataset(seed=1, kind="prbs"), OutputError()
+    fit = method.fit(STRUCTURES["first_order_coulomb"], [data])
+    ordinary = OutputError.fit
+
+    def slow(method: OutputError, structure: Structure, rest: Sequence[Dataset], starts: Any = None) -> Fit:
+        found = ordinary(method, structure, rest, starts)
+        longer = np.where([name in ("gain", "time_constant") for name in found.model.names], 1e6, 1.0)
+        return replace(found, model=replace(found.model, theta=longer * found.model.theta))
+
+    assert cross_validate(method, [data], fit) is not None
+    monkeypatch.setattr(OutputError, "fit", slow)
+    assert cross_validate(method, [data], fit) is None
 
 
 def test_the_data_that_the_model_is_fitted_to_do_not_validate_it() -> None:

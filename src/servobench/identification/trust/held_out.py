@@ -32,6 +32,7 @@ _DWELL = 10  # samples at a level, for it to count as one
 _SAME = 0.01  # of the input's range: levels that are nearer are the same
 _TRANSIENT = 0.1  # of the input's range: what changes by less is no transient
 _LARGE = 100_000  # samples, beyond which one stretch is left out instead of each
+_NO_LAG = 10.0  # times what was recorded
 _UNTOLD = 0.02  # of the output's variation: a prediction less certain than that says nothing about the model
 _PREDICTS = (
     80.0  # % of what it wasn't fitted to: a model that predicts more of its own recording is no wrong one
@@ -200,11 +201,22 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
         held = [simulate_record(structure, vector[: len(theta)], record) for record in part.held]
     except NotIdentifiable:
         return None
+    if _shows_no_lag(other):
+        return None
     foretold = _foretold(held, other)
     still = max(_motion(held), _misfit(held)) < _STILL * _motion(fit.records)
     if still or not foretold < _UNTOLD * _variation(held):
         return None
     return held, _record_fit(part.name, held, other, foretold)
+
+
+def _shows_no_lag(fit: Fit) -> bool:
+    """Whether a fit ended at a motor that doesn't follow its input in all of the time recorded, as any of a steady speed may.
+
+    Gain and time constant are known as a quotient there and not at all by themselves, which no covariance holds.
+    """
+    time = sum(record.data.duration for record in fit.records)
+    return "time_constant" in fit.model.names and fit.model["time_constant"] > _NO_LAG * time
 
 
 def _turns_where_the_rest_does_not(fit: Fit, part: Part) -> bool:

@@ -40,7 +40,7 @@ def without_spikes(records: Sequence[Dataset]) -> tuple[tuple[Dataset, ...], lis
     cleaned, findings = [], []
     for data in records:
         stays = bool(data.chain.linear) or data.input_unit in OF_A_SHAFT
-        which = np.array([], dtype=np.int64) if stays else _undriven_spikes(data)
+        which = np.array([], dtype=np.int64) if stays else _spikes_of_no_input(data)
         if len(which):
             left_out = _finding(info, data, which, "these values are left out")
             data = replace(data.without(which), findings=(*data.findings, left_out))
@@ -54,7 +54,7 @@ def had_spikes(data: Dataset) -> bool:
     return any(each.code == CODE for each in data.findings) or len(spikes_of(data)) > 0
 
 
-def _undriven_spikes(data: Dataset) -> NDArray[np.int64]:
+def _spikes_of_no_input(data: Dataset) -> NDArray[np.int64]:
     """The indices (K,) of the spikes that no input made, also of those that larger ones hid; none where they are too many.
 
     Where the input goes there and back around a spike, a motor that is quicker than the samples may have followed it.
