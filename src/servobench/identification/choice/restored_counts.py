@@ -32,9 +32,8 @@ _ONE_BY_ONE = (-0.75, -0.583)
 _FEW = 1300
 _ANOTHER_BACK = -0.3
 _WORSE = 2.0  # a central difference that is summed from sample to sample is a mean of two counts, with √2 less rounding
-_SLOW = (
-    2.0  # sample times: a motor that forgets faster is moved by a torque as a sum is by errors of its speeds
-)
+# Sample times: a torque moves a motor that forgets faster from sample to sample, as errors of its speeds move a sum.
+_SLOW = 2.0
 _STRUCTURES = {True: ("first_order_coulomb",), False: ("first_order_one_way", "first_order_one_way_rest")}
 _PRINTED = ("rad/s", "deg/s", "rpm", "rev/s")
 _EXACT = 1e-4  # of a step that is a power of ten; no encoder's is as near to one by chance more than once in a thousand

@@ -12,12 +12,8 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 _SURE = 4.0  # standard errors: one in 15,000 records by chance
 _PART = 0.1  # of the residual's square: less isn't what limits the result
 _FEWEST = 8  # changes of the input
-_NEARBY = (
-    -1,
-    0,
-    1,
-    2,
-)  # rows from a sample to the change: what a wrong lag leaves beside the change isn't ahead of it
+# Rows from a sample to the change: what a wrong lag leaves beside the change isn't ahead of it.
+_NEARBY = (-1, 0, 1, 2)
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
@@ -58,7 +54,8 @@ def _is_ahead(record: FittedRecord, sense: float) -> bool:
     at = 1 + _NEARBY.index(1)
     white = bread[at, at] * (rest @ rest) / (len(rows) - x.shape[1])
     # Where noise is larger at changes of the input than elsewhere (White 1980).
-    uneven = float(((bread[at] @ x.T) * rest) @ ((bread[at] @ x.T) * rest))
+    influence = (bread[at] @ x.T) * rest
+    uneven = float(influence @ influence)
     along = sense * float(coefficients[at])
     explained = along**2 / bread[at, at]
     return bool(along > _SURE * np.sqrt(max(white, uneven)) and explained > _PART * (residual @ residual))
