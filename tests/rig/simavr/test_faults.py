@@ -75,6 +75,7 @@ def test_row_06_none_of_100_000_values_that_are_no_numbers_reaches_the_wire() ->
         assert bench.board.look().duty == 0
         with pytest.raises(UsageError, match="reference"):
             rig.follow(math.nan)
+        guarded.stop()  # its watchdog's thread would go on otherwise
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
