@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from servobench.core.finding import Finding
 from servobench.core.rounding import with_unit
@@ -12,6 +13,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.recordings.measurement.base import Kind
 from tests.datasets import dataset
 from tests.identification.trust.test_explanations import two_masses
 
@@ -62,6 +64,45 @@ def test_a_delay_at_its_shortest_beside_no_time_constant_is_no_motors_whatever_i
         f"comes at least {with_unit(-shortest, 's', 3)} before" in doubt.sentence
     )  # what is farther out of step looks the same
     assert _doubts(at_the_bound(5.0 * data.sample_time)) == []
+
+
+@pytest.mark.parametrize(("upper", "early"), [(-0.7, True), (-0.5, False)])
+def test_a_delay_is_judged_by_the_upper_end_of_its_interval(upper: float, early: bool) -> None:
+    """In sample times: a standard deviation says too much where an interval lies unevenly about its value."""
+    data = dataset(seed=1)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+    at, step = fit.model.names.index("delay"), data.sample_time
+    theta = np.where(np.arange(len(fit.model.theta)) == at, -1.2 * step, fit.model.theta)
+    wide = replace(
+        fit,
+        model=replace(fit.model, theta=theta),
+        covariance=np.diag(np.full(len(theta), (0.5 * step) ** 2)),
+        intervals={"delay": (-1.9 * step, upper * step)},
+    )
+
+    assert [each.code for each in _doubts(wide)] == ["delay-negative"] * early
+
+
+@pytest.mark.parametrize(("kind", "lag", "early"), [
+    ("position", -0.2, True), ("position", 0.2, False), ("speed", -0.4, False), ("speed", -0.6, True),
+])  # fmt: skip
+def test_all_lags_together_are_no_less_than_nothing(kind: Kind, lag: float, early: bool) -> None:
+    """Time constant and delay, known as a sum only, in sample times; a speed may have been differenced half of one ahead."""
+    data = dataset(seed=1)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+    names, step = fit.model.names, data.sample_time
+    values = {"time_constant": 0.1 * step, "delay": (lag - 0.1) * step}
+    apart = np.array([float(name == "time_constant") - float(name == "delay") for name in names])
+    record = replace(fit.records[0], data=replace(data, kind=kind, quantum=None))
+    known = replace(
+        fit,
+        model=replace(fit.model, theta=np.array([values.get(name, fit.model[name]) for name in names])),
+        covariance=step**2 * np.outer(apart, apart) + 1e-6 * step**2 * np.eye(len(names)),
+        intervals={"delay": (-2.0 * step, step)},
+        records=(record,),
+    )
+
+    assert [each.code for each in _doubts(known)] == ["delay-negative"] * early
 
 
 def _with_lag(fit: Fit, lag: float) -> Fit:

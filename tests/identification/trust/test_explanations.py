@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from servobench.core.finding import Severity
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case, Causes, explain
 from servobench.identification.trust.explanations.equation import motion
 from servobench.identification.trust.explanations.hysteresis import play
 from servobench.recordings.measurement.dataset import Dataset
+from tests.contracts.finding_examples.base import staircase, told
 from tests.datasets import QUANTUM, dataset
 
 
@@ -42,6 +44,16 @@ def test_an_input_whose_simulation_explains_the_output_is_not_unrelated() -> Non
     causes = Causes((replace(record, u=other.u),))
     assert causes.are_damage()
     assert not causes.are_damage(91.0)
+
+
+@pytest.mark.parametrize(("of_gain", "severity"), [(0.4, Severity.WARNING), (0.6, Severity.INFO)])
+def test_a_gain_that_falls_by_less_than_its_interval_is_a_remark(of_gain: float, severity: Severity) -> None:
+    """The amplifier puts out half of the largest input, so a gain that is known to 60 % allows for that."""
+    clipped = told(staircase(), np.clip(staircase(), -1.5, 1.5))
+    (cause,) = Causes((clipped,)).explain(80.0, of_gain)
+
+    assert cause.code == "gain-falls"
+    assert cause.severity is severity
 
 
 def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing() -> None:

@@ -59,3 +59,16 @@ def test_a_step_in_each_row_at_even_times_is_an_even_motion() -> None:
 
     assert is_sampled_by_edges(data, STEP)
     assert not is_sampled_by_edges(replace(data, t_input=t, t_output=t), STEP)
+
+
+@pytest.mark.parametrize(("noise", "coarse"), [(0.1, True), (0.6, False)])
+def test_noise_of_half_a_step_makes_rounding_random(noise: float, coarse: bool) -> None:
+    """A speed with 20 steps over its range, with noise of so many of them before it is rounded."""
+    data = dataset(seed=1, kind="prbs", samples=3000)
+    speed = np.gradient(data.y, data.t_output)
+    step = float(np.ptp(speed)) / 20
+    random = np.random.default_rng(2).standard_normal(len(speed))
+    rounded = step * np.rint(speed / step + noise * random)
+    fit = fitted(replace(data, y=rounded, kind="speed", output_unit="rad/s", quantum=None))
+
+    assert [each.code for each in DOUBTS["resolution"].about_fit(fit)] == ["resolution-coarse"] * coarse

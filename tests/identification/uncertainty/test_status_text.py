@@ -10,7 +10,7 @@ import pytest
 from servobench.core.estimate import Estimate
 from servobench.identification.identify import identify
 from servobench.identification.uncertainty.cautions import cautions
-from servobench.identification.uncertainty.identifiability import ParameterStatus, State
+from servobench.identification.uncertainty.identifiability import Combination, ParameterStatus, State
 from servobench.identification.uncertainty.purpose import good_for
 from servobench.identification.uncertainty.status_text import in_words
 from tests.datasets import dataset
@@ -62,6 +62,20 @@ def test_a_model_without_a_gain_of_its_own_simulates_what_it_saw(state: State, e
     gain = answer("gain", 50.0, (40.0, 60.0), "rad/(s·V)", state)
 
     assert expected in good_for({"gain": gain}, (), 76.9, 0.002)
+    assert "to simulate" not in good_for({"gain": gain}, (), 65.0, 0.002)
+
+
+@pytest.mark.parametrize(("interval", "tunes"), [((0.02, 0.04), True), ((-0.04, -0.02), False)])
+def test_no_loop_is_tuned_with_a_motor_that_moves_before_its_input(
+    interval: tuple[float, float], tunes: bool
+) -> None:
+    gain = answer("gain", 50.0, (45.0, 55.0), "rad/(s·V)", State.KNOWN)
+    estimate = answer("lag", 0.5 * sum(interval), interval, "s", State.KNOWN).estimate
+    lag = Combination(
+        name="lag", meaning="time constant + delay", parameters=("time_constant", "delay"), estimate=estimate
+    )
+
+    assert ("to tune a position loop" in good_for({"gain": gain}, (lag,), 90.0, 0.002)) is tunes
 
 
 def test_what_a_motor_loses_that_turns_backwards_has_a_lower_end() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from servobench.recordings.measurement.grid import grid_step, steps_behind_decimals
+from servobench.recordings.measurement.grid import grid_step, last_decimal, steps_behind_decimals
 
 t = 0.002 * np.arange(3000)
 MOVING = 40.0 * t - 4.0 * (1.0 - np.exp(-t / 0.1)) + np.sin(3.0 * t)
@@ -76,6 +76,14 @@ def test_the_steps_of_a_sensor_show_behind_rounded_degrees(bits: int, decimals: 
     printed = np.deg2rad(np.round(counts * 360.0 / 2**bits, decimals))
 
     assert steps_behind_decimals(printed, np.deg2rad(10.0**-decimals)) == 2**bits
+
+
+def test_the_last_decimal_is_that_of_the_print() -> None:
+    values = np.random.default_rng(1).uniform(-400.0, 400.0, 200)
+
+    for decimals in range(7):
+        assert last_decimal(np.deg2rad(np.round(values, decimals)) / np.deg2rad(1.0)) == 10.0**-decimals
+    assert last_decimal(values) is None
 
 
 def test_degrees_of_no_such_sensor_have_none() -> None:

@@ -278,6 +278,17 @@ def test_the_quantum_is_what_the_channel_says() -> None:
     assert measure(recording(TRAVEL, "deg", resolution=0.5)).quantum == pytest.approx(np.radians(0.5))
 
 
+def test_rounded_degrees_are_put_back_on_the_steps_of_their_sensor() -> None:
+    """Two decimals leave 36,000 steps in a turn, where the encoder has 2,048."""
+    counts = counts_of(TRAVEL)
+
+    data = measure(recording(np.round(counts * (360 / 2048), 2), "deg"))
+
+    assert data.quantum == pytest.approx(QUANTUM, rel=1e-15)
+    np.testing.assert_allclose(data.y, counts * QUANTUM, rtol=4e-16)
+    assert codes(data) == {"quantum-found": Severity.INFO}
+
+
 @pytest.mark.parametrize("digits", [4, 6, 15])
 def test_the_quantum_is_found_where_values_lie_on_a_grid(digits: int) -> None:
     printed = np.round(counts_of(TRAVEL) * (360 / 2048), digits)

@@ -222,7 +222,7 @@ def lowest(
         if end not in ends:
             ends.append(end)
     others = [(end.point.theta, end.point.cost) for end in ends]
-    enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
+    enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / layout.samples)
     # Of ends that are as good as each other, one where the search has settled.
     best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
     in_vain = 0

@@ -95,8 +95,9 @@ def invert(information: Array, out: Array) -> float:
 def solve(a: Array, x: Array) -> None:
     """Replace x (P,) by the solution of A s = x for a symmetric matrix (P, P); of a singular one by the shortest of all s.
 
-    Gauss's elimination with a pivot from each column: along what a matrix hardly determines a step is long, and a search that
-    cuts it at its bounds gets out of a valley that way.
+    Gauss's elimination with partial pivoting (Golub and Van Loan 2013, section 3.4), as in LAPACK. Cholesky's factors take half
+    the time, but where rounding leaves them no pivot another method has to step in, and the long steps along what a matrix hardly
+    determines are lost, which take a search out of a flat valley. A singular matrix is overwritten.
     """
     size = len(a)
     left, right = a.copy(), x.copy()
@@ -124,7 +125,10 @@ def solve(a: Array, x: Array) -> None:
 
 @compiled
 def solve_shortest(a: Array, x: Array) -> None:
-    """Replace x (P,) by the shortest solution of A s = x for a symmetric matrix (P, P) without negative eigenvalues."""
+    """Replace x (P,) by the shortest solution of A s = x for a symmetric matrix (P, P) without negative eigenvalues.
+
+    The matrix is overwritten; directions in which it has less than 1e-14 of its largest eigenvalue count for nothing.
+    """
     vectors = np.empty_like(a)
     diagonalise(a, vectors)
     largest = 0.0

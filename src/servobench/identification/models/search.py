@@ -154,10 +154,7 @@ def _variation(y: Array) -> float:
 
 
 def _with_delays(points: Array, step: float) -> Array:
-    """The same τ's, each with all of the delays but none, (T D, 2), which is quicker than the other way round.
-
-    `step` is the sample time [s].
-    """
+    """Each τ with all of the delays but none, (T D, 2), so that those of one τ share its exponentials; `step` [s] is a sample."""
     taus = points[:, 0]
     delays = step * _DELAYS[1:]
     return np.column_stack([np.repeat(taus, len(delays)), np.tile(delays, len(taus))])

@@ -37,7 +37,9 @@ TIME_NAMES = frozenset(
 SECONDS_BY_CONVENTION = frozenset({"t", "time", "zeit", "temps", "tempo", "tiempo"})
 """The names that mean seconds unless another unit is given."""
 
-_REMARKS_ON_TIME = frozenset({"t", "time", "elapsed", "relative", "local", "utc", "gmt"})
+_REMARKS_ON_TIME = frozenset(
+    {"t", "time", "elapsed", "relative", "local", "utc", "gmt"}
+)  # as in `time(t)`: no units
 _LAST_WORDS = ("_time", "_timestamp")  # of a name that has a unit of time: `ros_time_s`
 
 # A unit at the end of a name, as in `theta_deg`. Only what can hardly mean anything else; `_m` may stand for "measured".
@@ -151,6 +153,14 @@ def _unit_in_name(name: str) -> str | None:
         return current[1]
     if voltage := _VOLTAGE.fullmatch(name):
         return {"v": "V", "mv": "mV"}[voltage[1].lower()]
+    remark = _remark_of_time(name)
+    if (
+        remark
+        and remark["between"]
+        and is_unit(remark["between"])
+        and unit(remark["between"]).quantity == "time"
+    ):
+        return remark["between"]  # `Time_ms_` was `Time (ms)` before a program put underscores in
     ending = _ENDING.fullmatch(name)
     if ending:
         symbol = ending[1]
@@ -293,13 +303,13 @@ def _is_surely_time(heading: Heading) -> bool:
 
 def _last_part(heading: Heading) -> str:
     """A name without its folder, and without a remark such as that of `time(t)`."""
-    remark = _remark_of_time(heading)
+    remark = _remark_of_time(heading.name)
     return remark["name"].strip() if remark else heading.name[len(_folder(heading.name)) :]
 
 
-def _remark_of_time(heading: Heading) -> re.Match[str] | None:
-    """The parts of a time's name and the remark behind it."""
-    remark = REMARK.fullmatch(heading.name[len(_folder(heading.name)) :])
+def _remark_of_time(name: str) -> re.Match[str] | None:
+    """The parts of a time's name that has a remark behind it; None of any other name."""
+    remark = REMARK.fullmatch(name[len(_folder(name)) :])
     return remark if remark and remark["name"].strip().lower() in TIME_NAMES else None
 
 
@@ -307,12 +317,11 @@ def time_unit(heading: Heading) -> str | None:
     """Return the unit of a column that is called a time; None where it has none, or isn't called a time."""
     if not _is_named_time(heading):
         return None
-    remark = _remark_of_time(heading)
-    inside = (remark["inside"] or remark["between"]).strip() if remark else ""
-    symbol = heading.unit or inside
-    if heading.unit is not None or (symbol and symbol.lower() not in _REMARKS_ON_TIME):
-        # What isn't known here may be a unit, too, and seconds would be a guess.
-        return symbol if is_unit(symbol) and unit(symbol).quantity == "time" else None
+    if heading.unit is not None:
+        return heading.unit if is_unit(heading.unit) and unit(heading.unit).quantity == "time" else None
+    remark = _remark_of_time(heading.name)
+    if remark and (remark["inside"] or remark["between"]).strip().lower() not in _REMARKS_ON_TIME:
+        return None  # it may be a unit that isn't known here, and seconds would be a guess
     return "s" if _last_part(heading).lower() in SECONDS_BY_CONVENTION else None
 
 

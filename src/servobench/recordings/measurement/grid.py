@@ -12,10 +12,10 @@ _FINEST = 1e-6  # of the range; what is finer is the floating-point grid, or doe
 _DIVISORS = range(
     1, 13
 )  # the shortest distance may be several steps: no two neighbours on the grid need occur
-_PLENTY = (
-    30  # distinct values; a quarter of all lie that near to a step, so by chance all of them do once in 10^18
-)
-_BITS = range(8, 17)  # of a sensor
+# Distinct values: of any at most 28 in a hundred lie that near to a sensor's step, so by chance 30 do once in 10^16.
+_PLENTY = 30
+_BITS = range(8, 17)  # of an angle sensor
+_DECIMALS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
 
 def grid_step(x: Array) -> float | None:
@@ -37,6 +37,18 @@ def grid_step(x: Array) -> float | None:
         fits = np.abs(steps / step - multiples).max() <= _MISFIT
         evident = len(np.unique(multiples)) >= 3 or len(steps) < 0.5 * len(x) or _count_durations(x) >= 3
         if fits and evident and step > _FINEST * span:
+            return step
+    return None
+
+
+def last_decimal(x: Array) -> float | None:
+    """Return the power of ten that all values x (N,), in the unit that they were printed in, are multiples of.
+
+    The largest from 1 to a millionth; None where there is none, as for values with all of a float's digits.
+    """
+    for step in _DECIMALS:
+        multiples = x / step
+        if np.abs(multiples - np.rint(multiples)).max(initial=0.0) < _MISFIT * 1e-3:
             return step
     return None
 

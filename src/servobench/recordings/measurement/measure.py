@@ -29,7 +29,7 @@ from servobench.recordings.measurement.column import (
 )
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.fresh_samples import drop_repeats
-from servobench.recordings.measurement.grid import grid_step, steps_behind_decimals
+from servobench.recordings.measurement.grid import grid_step, last_decimal, steps_behind_decimals
 from servobench.recordings.measurement.point_of_thousands import are_thousands
 from servobench.recordings.measurement.scale import Scale
 from servobench.recordings.measurement.tachometer import Tachometer
@@ -247,24 +247,33 @@ def _with_quantum(column: Column, channel: Channel) -> tuple[Column, list[Findin
     """Return a position in SI units with its smallest step: what the channel says, or else the grid that its values lie on."""
     if channel.resolution is not None and channel.unit is not None:
         return replace(column, quantum=channel.resolution * si_factor(channel.unit)[0]), []
-    step = grid_step(column.x)
-    if step is None:
-        return column, []
-    counts = steps_behind_decimals(column.x, step) if column.unit == "rad" else None
+    counts = _steps_in_a_turn(column, channel)
     if counts is not None:
         sensor = 2.0 * np.pi / counts
         sentence = (
-            f"All values of {column.name!r} are angles of a sensor with {counts} steps in a turn, rounded to {step:.4g} rad when "
-            "they were written; the sensor's steps are used as they were before."
+            f"All values of {column.name!r} are angles of a sensor with {counts} steps in a turn, rounded when written; the "
+            "steps are used as they were before."
         )
         column = replace(column, x=sensor * np.rint(column.x / sensor), quantum=sensor)
         return column, [info("quantum-found", sentence)]
+    step = grid_step(column.x)
+    if step is None:
+        return column, []
     turn = f" ({2.0 * np.pi / step:.6g} in a turn)" if column.unit == "rad" else ""
     sentence = (
         f"All values of {column.name!r} lie on a grid of {step:.6g} {column.unit}{turn}; that is used as "
         "its resolution."
     )
     return replace(column, quantum=step), [info("quantum-found", sentence)]
+
+
+def _steps_in_a_turn(column: Column, channel: Channel) -> int | None:
+    """The number of steps of an angle sensor that were rounded to decimals of the channel's unit; None where there are none."""
+    if column.unit != "rad" or channel.unit is None:
+        return None
+    factor = si_factor(channel.unit)[0]
+    step = last_decimal(column.x / factor)
+    return None if step is None else steps_behind_decimals(column.x, step * factor)
 
 
 def _through(column: Column, stages: Sequence[Stage]) -> tuple[Column, list[Finding]]:

@@ -19,8 +19,8 @@ _FEWEST = 40.0  # steps in a time constant, or in the range of a speed
 _BLIND = 1 / (0.05 * 12**0.5)
 _UNEVEN = 0.1  # of the median time step: what a clock that is read by a program may vary by anyway
 _ALIKE = 1e-3  # of a step: what is left of rounded decimals
-# Of a step, noise and rounding together: noise of 0.4 before it leaves exp(-2 π² 0.4²) / π of a step to rounding's bias, 0.0135,
-# which is a third of a thousandth of the range of a sensor that counts as coarse.
+# Of a step, noise and rounding together. Then the noise alone is 0.4 of one, and the bias of rounding exp(-2 π² 0.4²) / π,
+# 0.0135 of one, at most (Widrow and Kollár 2008).
 _DITHERED = 0.5
 
 
