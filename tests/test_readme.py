@@ -146,7 +146,7 @@ def identified(words: list[str], folder: Path) -> list[list[str]]:
 
 
 def test_the_figures_of_the_logger_are_those_that_it_prints(folder: Path) -> None:
-    (shown,) = [block for block in blocks("text") if "36.1332" in block]
+    (shown,) = [block for block in blocks("text") if "36.1322" in block]
 
     printed = identified(["examples/logger.csv", "--output", "angle:deg"], folder)
 

@@ -94,3 +94,10 @@ def test_degrees_of_no_such_sensor_have_none() -> None:
     assert steps_behind_decimals(np.deg2rad(np.arange(200) * 0.36), step) is None  # 1,000 steps in a turn
     assert steps_behind_decimals(np.deg2rad(np.arange(20) * 360.0 / 4096), step) is None  # too few to tell
     assert steps_behind_decimals(np.deg2rad(np.arange(200) * 360.0 / 2**14), step) is None  # too fine to tell
+
+
+def test_a_coarser_sensor_is_not_taken_for_a_finer_one_whose_steps_it_shares() -> None:
+    """A potentiometer with 450° over 128 steps: each is five of the 512 in a turn."""
+    degrees = np.round(np.arange(-26, 27) * 450.0 / 128, 2)
+
+    assert steps_behind_decimals(np.deg2rad(degrees), np.deg2rad(0.01)) is None

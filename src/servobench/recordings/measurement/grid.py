@@ -57,16 +57,18 @@ def steps_behind_decimals(x: Array, step: float) -> int | None:
     """Return the number of steps in a turn of a sensor whose angles x (N,) [rad] were rounded to multiples of `step` [rad] later.
 
     A magnetic encoder of 12 bits that is printed in hundredths of a degree has 4096. Only powers of two are looked for, whose
-    steps are at least four times as large; x counts from the sensor's zero. None where there is none.
+    steps are at least four times as large; x counts from the sensor's zero. None where there is none, and where all values are
+    multiples of several of its steps: a coarser sensor, whose steps may lie on those of a finer one by chance, isn't finer.
     """
     values = np.unique(x)
     if len(values) < _PLENTY:
         return None
     for bits in _BITS:
         steps = values * (2**bits / (2.0 * np.pi))
-        off = np.abs(steps - np.rint(steps)).max() * (2.0 * np.pi / 2**bits)
+        whole = np.rint(steps)
+        off = np.abs(steps - whole).max() * (2.0 * np.pi / 2**bits)
         if 2.0 * np.pi / 2**bits >= 4.0 * step and off <= (0.5 + _MISFIT) * step:
-            return int(2**bits)
+            return int(2**bits) if np.gcd.reduce(np.diff(whole).astype(int)) == 1 else None
     return None
 
 
