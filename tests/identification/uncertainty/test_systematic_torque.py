@@ -94,3 +94,18 @@ def test_a_shaft_that_friction_holds_shows_no_torque(seed: int, torque: float) -
 
     assert fit.disturbance is not None
     assert systematic_share(fit) == 0.0
+
+
+@pytest.mark.parametrize(("seed", "torque"), [(1, 1e-7), (2, 1e-7), (4, 1e-6)])
+def test_the_samples_of_a_slow_shaft_within_one_step_of_an_encoder_are_one_error(
+    seed: int, torque: float
+) -> None:
+    """256 steps in a turn, of which the shaft passes one in up to twenty samples where it turns back."""
+    quantum = 2 * np.pi / 256
+    u = 0.6 * np.sin(2 * np.pi * 0.2 * STEP * np.arange(SAMPLES))
+    data = dataset(seed=seed, u=u, torque_noise=torque, truth=Truth(coulomb_torque=8e-4))
+    coarse = replace(data, y=quantum * np.round(data.y / quantum), quantum=quantum)
+    fit = allow_for_disturbance(ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [coarse]))
+
+    assert fit.disturbance is not None
+    assert systematic_share(fit) == 0.0

@@ -8,6 +8,8 @@ are summed over samples of like speed, direction, and sense of the acceleration;
 
 is B ± √(2B) (Pearson 1900). What depends on speed or direction adds up in each group, and χ² grows with the length of the record.
 A shaft that friction holds is left out: it shows no torque, and all samples of one rest have the same error of where it stopped.
+Likewise the samples that an encoder takes of a slow shaft within one of its steps have one error of rounding: n samples in a row
+over k steps count as n²/k, and as n where every sample is a step of its own.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit
@@ -44,23 +47,34 @@ def systematic_share(fit: Fit) -> float:
     if not top > 0:
         return 0.0
     used = [record.valid & (speed != 0.0) for speed, record in zip(speeds, fit.records, strict=True)]
-    groups = np.concatenate([_groups(speed, top)[use] for speed, use in zip(speeds, used, strict=True)])
-    innovations = np.concatenate(
-        [record.innovations[use] for record, use in zip(fit.records, used, strict=True)]
-    )
-    counts = np.bincount(groups)
-    sums = np.bincount(groups, weights=innovations)[counts >= _FEW]
+    grouped = [_groups(speed, top) for speed in speeds]
+    each = list(zip(grouped, fit.records, used, strict=True))
+    groups = np.concatenate([group[use] for group, _, use in each])
+    innovations = np.concatenate([record.innovations[use] for _, record, use in each])
+    alike = np.concatenate([_sharing(group, record.data)[use] for group, record, use in each])
+    enough = np.bincount(groups) >= _FEW
+    sums, counts = (np.bincount(groups, weights=of)[enough] for of in (innovations, alike))
     variance = float(innovations @ innovations) / max(len(innovations), 1)
     if not len(sums) or not variance > 0:
         return 0.0
-    chi2 = float(np.sum(sums**2 / counts[counts >= _FEW])) / variance
+    chi2 = float(np.sum(sums**2 / counts)) / variance
     noticed, plain = _EVIDENT
     beyond = (chi2 - len(sums)) / np.sqrt(2.0 * len(sums))
     return float(np.clip((beyond - noticed) / (plain - noticed), 0.0, 1.0))
 
 
-def _groups(speed: Array, top: float) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _groups(speed: Array, top: float) -> NDArray[np.int64]:
     """The group (M,) of each sample: by the size of its speed, its direction, and whether the shaft speeds up."""
     size = np.searchsorted(_SPEEDS, np.abs(speed) / top, side="right")
     faster = np.gradient(speed) * np.sign(speed) > 0
     return np.asarray(4 * size + 2 * (speed > 0) + faster, dtype=np.int64)
+
+
+def _sharing(groups: NDArray[np.int64], data: Dataset) -> Array:
+    """The number of samples (M,) that share each one's error of rounding: those in a row of one group, within a step."""
+    if data.quantum is None or data.kind != "position":
+        return np.ones(len(groups))
+    first = np.flatnonzero(np.diff(groups, prepend=-1) != 0)
+    length = np.diff([*first, len(groups)])
+    steps = np.abs(data.y[first + length - 1] - data.y[first]) / data.quantum
+    return np.maximum(np.repeat(length / (1.0 + steps), length), 1.0)
