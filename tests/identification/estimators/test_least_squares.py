@@ -180,3 +180,22 @@ def test_a_search_that_comes_to_the_end_of_another_one_ends_there() -> None:
 
     assert descent(layout, beside, ends=[end]) is end
     assert len(lowest(structure, data, [start, beside]).others) == 0
+
+
+def test_a_search_that_stays_far_behind_another_one_is_given_up() -> None:
+    """The sum of squares hardly depends on a time constant far beyond the record, and creeps there for a hundred steps."""
+    data = (dataset(seed=1, kind="prbs", samples=700),)
+    structure = STRUCTURES["first_order_coulomb"]
+    layout = Layout(structure, data)
+    start = structure.guesses(data)[0]
+    end = descent(layout, start)
+    beside = start.copy()
+    beside[:2] *= 1e4
+    alone = descent(layout, beside)
+
+    behind = descent(layout, beside, ends=[end])
+
+    assert not alone.converged
+    assert alone.point.cost > 1000 * end.point.cost
+    assert behind.status == "far behind another start after 25 steps"
+    assert not behind.converged

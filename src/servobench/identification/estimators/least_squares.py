@@ -25,6 +25,7 @@ _LEAST_DAMPING = 1e-12
 _SLOWLY = 0.3  # times the damping
 _BENT = 4  # refused steps
 _FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
+_FAR_BEHIND = 10.0  # times another one's sum of squares after as many steps: such a search doesn't catch up
 _VALLEYS = 2  # of the starts into curved valleys are followed to their ends
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
 _HARDLY = 1e-2  # damping beside which the quadratic model is what it foretells
@@ -216,6 +217,9 @@ def lowest(
     """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) and `steps` as in `minimise`."""
     layout = Layout(structure, tuple(data))
     nearer = _in_the_valley(layout, starts, free)
+    if len(nearer) > 1:
+        # The best first: those that are left far behind have to know how far the others came.
+        nearer = sorted(nearer, key=lambda start: at(layout, np.clip(start, *layout.bounds(free))).cost)
     ends: list[Descent] = []
     for start in nearer:
         end = descent(layout, start, free, steps, ends=ends)
@@ -286,7 +290,8 @@ def descent(
     what may not move stays where it is, even beyond what these records would allow.
     Where steps are refused again and again the valley bends, and each refused one is tried along the next of `Layout.moves`.
     `start` (P + ΣQ,) is in the units of the parameters. Where the quadratic model, hardly damped, foretells a decrease of the
-    cost that is less than `worth`, the search ends. At one of the settled `ends` of other starts, that is returned.
+    cost that is less than `worth`, the search ends. At one of the settled `ends` of other starts, that is returned; far behind
+    one, the search ends unsettled.
     """
     lower, upper = layout.bounds(free)
     moves = np.ones(len(start), dtype=bool) if free is None else free
@@ -311,9 +316,9 @@ def descent(
             damping = _lower_damping(damping, refused, gained, ahead.foretold)
             if done:
                 return _end_descent(point, None, True, f"converged in {step} steps")
-            known = next((end for end in ends if end.converged and _is_at(point, end, layout)), None)
-            if known is not None:
-                return known
+            elsewhere = _beside(ends, point, step, layout)
+            if elsewhere is not None:
+                return elsewhere
         else:
             refusals += 1
             # Of a motor with gravity leaps from a rough slope find more than small steps.
@@ -322,6 +327,22 @@ def descent(
             # In a narrow valley that bends, the right damping is small, and found by now.
             least = 0.0
     return _end_descent(point, None, False, f"did not converge within {steps} steps")
+
+
+def _beside(ends: Sequence[Descent], point: Point, step: int, layout: Layout) -> Descent | None:
+    """How a search ends at a point because of the settled ends of others: at one, or too far behind; None where it goes on.
+
+    `step` is the number of steps so far.
+    """
+    settled = [end for end in ends if end.converged]
+    known = next((end for end in settled if _is_at(point, end, layout)), None)
+    if (
+        known is None
+        and step >= _STEPS_TO_VALLEY
+        and any(_FAR_BEHIND * s.point.cost < point.cost for s in settled)
+    ):
+        return _end_descent(point, None, False, f"far behind another start after {step} steps")
+    return known
 
 
 def at(layout: Layout, theta: Array) -> Point:
