@@ -408,6 +408,8 @@ _TABLE = (
     FindingCode("stall-unused", "A record of a stalled shaft isn't used.", "The sentence says why."),
     FindingCode("stalled", "The guard stopped the motor because its shaft was held.", "Free the shaft."),
     FindingCode("start-and-increment", "The times were computed from the start and the increment above the rows."),
+    FindingCode("start-held", "Static friction may have held the shaft for what is taken for a delay.",
+        "Start the motor with one large step."),
     FindingCode("starts-at-rest", "The recording's format says that the motor rests at first."),
     FindingCode("static-friction", "The shaft starts at a larger input than it stops at.",
         "Identify records in which the motor keeps turning."),

@@ -39,6 +39,7 @@ from tests.datasets import QUANTUM, dataset
 from tests.identification.trust.test_input_late import fit_with_usual_delay
 from tests.identification.trust.test_lag_not_split import fit_with
 from tests.identification.trust.test_small_swing import fit_of_swings
+from tests.identification.trust.test_start_held import fit_of as fit_of_held_start
 from tests.identification.uncertainty.test_static_friction import fit_of_ramps
 from tests.rig.motor.reference import Truth
 
@@ -202,6 +203,7 @@ EXAMPLES = (
     _example("shaft-runs-back", lambda: _on_a_spring(0.5), lambda: _on_a_spring(0.0)),
     _example("speed-by-direction", lambda: _up_and_down(0.15), lambda: _up_and_down(0.0)),
     _example("speed-levels-off", lambda: _limited_to(1.4), lambda: _limited_to(3.0)),
+    _example("start-held", fit_of_held_start, lambda: fit_of_held_start(later=3.0, static=6.0, late=12)),
     _example("structure-reverses", _one_way_that_reverses),
     Example(
         code="lag-not-split",

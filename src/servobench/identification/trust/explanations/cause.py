@@ -16,8 +16,8 @@ class CauseFit:
 
     `structural` is a cause that lies in the motor, so that a richer structure or the intervals may hold it; the others lie in the
     record.
-    `change` is by how much it changes the gain at most, as a part of it, where that is known: the gain's interval may allow for
-    it already.
+    `change` is by how much the gain of other inputs differs from the one fitted, at most, as a part of that, where it is known:
+    the gain's interval may allow for it already.
     What a fit has to bear it out with is `remedy`, which takes the cause out of a record, or the name of a `structure` that has
     it; without either the equation's word is enough.
     """

@@ -40,9 +40,14 @@ def _gain_falls(case: Case) -> CauseFit | None:
         finding=warning("gain-falls", _sentence(case, bend, slope), parameters=("gain",)),
         misfit=clipped.misfit,
         chosen=1,
-        change=(1.0 - slope) * (1.0 - bend / largest),
+        change=_change((1.0 - slope) * (1.0 - bend / largest)),
         remedy=lambda data: replace(data, u=_bent(data.u, bend, slope), reference=None),
     )
+
+
+def _change(lost: float) -> float:
+    """The part by which the gain of small inputs exceeds a fit's: the largest decide that, and a part of their effect is `lost`."""
+    return lost / (1.0 - lost)
 
 
 def _with_bend(case: Case, limit: float) -> Regression:
