@@ -292,7 +292,7 @@ _TABLE = (
         "Name the filter, or use the output before it."),
     FindingCode("output-jumps", "The position jumps once and goes on from somewhere else.",
         "Use the part before or after it; look at the coupling and the counter.", Role.CAUSE),
-    FindingCode("output-limited", "The output hardly rises beyond some speed while the input goes on rising.",
+    FindingCode("output-limited", "The output hardly rises beyond some speed where the model goes on rising.",
         "Stay below that speed, or use a sensor with a wider range.", Role.SYMPTOM),
     FindingCode("output-recognised", "A column was recognised as the output."),
     FindingCode("output-scaled", "The output was computed from a sensor's signal, with the sensitivity given by the user."),

@@ -105,6 +105,26 @@ def test_all_lags_together_are_no_less_than_nothing(kind: Kind, lag: float, earl
     assert [each.code for each in _doubts(known)] == ["delay-negative"] * early
 
 
+@pytest.mark.parametrize(("lag", "reason"), [(-0.3, "changed evenly"), (-0.7, "misaligned")])
+def test_what_an_input_does_between_its_rows_takes_half_a_row_from_the_lag(lag: float, reason: str) -> None:
+    """Of a sine, held from row to row; lags in sample times."""
+    data = dataset(seed=1, u=3.0 * np.sin(2.0 * np.pi * 0.8 * 0.002 * np.arange(5000)))
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+    names, step = fit.model.names, data.sample_time
+    values = {"time_constant": 0.1 * step, "delay": (lag - 0.1) * step}
+    known = replace(
+        fit,
+        model=replace(fit.model, theta=np.array([values.get(name, fit.model[name]) for name in names])),
+        covariance=1e-6 * step**2 * np.eye(len(names)),
+        intervals={"delay": (-2.0 * step, step)},
+    )
+
+    (doubt,) = _doubts(known)
+
+    assert doubt.code == "delay-negative"
+    assert reason in doubt.sentence
+
+
 def _with_lag(fit: Fit, lag: float) -> Fit:
     names = fit.model.names
     theta = np.where([name == "electrical_time_constant" for name in names], lag, fit.model.theta)

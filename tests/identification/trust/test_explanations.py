@@ -77,6 +77,18 @@ def test_two_masses_that_swing_are_reported_as_a_resonance(frequency: float, whi
     assert told == pytest.approx(_pole(frequency), rel=0.05)
 
 
+def test_a_swing_as_fast_as_the_shaft_turns_may_come_round_with_it() -> None:
+    """The shaft makes 4.9 turns a second."""
+    record = two_masses(6.0, 0)
+
+    [found] = explain([record])
+    [other] = explain([replace(record, kind="position", output_unit="m")])
+
+    assert found.code == other.code == "response-oscillates"
+    assert "makes 4.9 turns a second" in found.sentence
+    assert "oscillates at about" in other.sentence
+
+
 def _masses(frequency: float) -> np.ndarray:
     """The matrix of (θ₁, ω₁, θ₂, ω₂): τ 0.1 s, two halves of one inertia, the resonance lightly damped (2 % of critical)."""
     resonance = 2 * np.pi * frequency

@@ -59,6 +59,8 @@ FRAMED = {
     "a list of lists": "t,u,y\n[[" + "],\n [".join(ROWS) + "]]\n",
     "Markdown": "| t | u | y |\n|---|:-:|--:|\n" + "".join(f"| {row.replace(',', ' |')} |\n" for row in ROWS),
     "MATLAB's table": "    t     u     y\n    __    __    _\n\n" + "\n".join(ROWS).replace(",", "  "),
+    "ends of lines": "t,u,y\n" + "".join(f"{row};\n" for row in ROWS),
+    "ends of a matrix's rows": "t u y\n" + "".join(f"{row.replace(',', ' ')};\n" for row in ROWS),
     "underlined": "t;u;y\n-----\n" + "\n".join(ROWS).replace(",", ";"),
 }
 
@@ -66,6 +68,12 @@ FRAMED = {
 @pytest.mark.parametrize("frame", FRAMED)
 def test_what_frames_rows_or_underlines_names_is_no_part_of_the_table(frame: str, tmp_path: Path) -> None:
     assert columns(loaded(tmp_path, FRAMED[frame].replace("__ ", "___ "), "log.txt")) == NUMBERS
+
+
+def test_a_semicolon_behind_a_decimal_comma_is_a_separator(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "y\n" + "".join(f"{n},5;\n" for n in range(5)), "log.txt")
+
+    assert columns(recording) == {"y": [0.5, 1.5, 2.5, 3.5, 4.5]}
 
 
 def test_dashes_below_numbers_are_a_row_without_a_number_and_no_line(tmp_path: Path) -> None:

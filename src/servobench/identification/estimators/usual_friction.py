@@ -50,4 +50,8 @@ def with_usual_friction(
         effective_samples(jacobian_and_residual(record, prediction)[1])
         for record, prediction in zip(data, minimum.predictions, strict=True)
     )
-    return likely if worth * np.log(likely.cost / max(minimum.cost, 1e-300)) <= _BY_CHANCE else minimum
+    return (
+        likely
+        if worth * np.log(max(likely.cost, 1e-300) / max(minimum.cost, 1e-300)) <= _BY_CHANCE
+        else minimum
+    )

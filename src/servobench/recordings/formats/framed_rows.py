@@ -1,4 +1,6 @@
-"""Rows in brackets or between bars, as programs print lists and as Markdown has tables: `(0.01, 3, 12)`, `| 0.01 | 3 | 12 |`."""
+"""Rows in brackets, between bars or with a semicolon behind them, as programs print lists and Markdown and MATLAB write tables:
+`(0.01, 3, 12)`, `| 0.01 | 3 | 12 |`, `0.01, 3, 12;`.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,9 @@ from collections.abc import Sequence
 _FRAMES = (
     re.compile(r"\s*[\[({]++(?P<row>[^\[\](){}]++)[\])}]++\s*+[,;]?+\s*"),
     re.compile(r"\s*\|(?P<row>.*)\|\s*"),
+    re.compile(
+        r"(?!\s*+[+-]?\d++,\d++\s*+;)(?P<row>[^;]*[^;\s]\s*[,\s]\s*[^;\s][^;]*);\s*"
+    ),  # not a number such as `1,5;`
 )
 _SHARE = 0.5  # of the rows, more than which have a frame; the names of the columns may stand without
 _RULE = frozenset("-_=|+: \t")
@@ -18,7 +23,7 @@ _BEGINS_WITH_A_NUMBER = re.compile(r"[\s|\[({]*[+-]?[.0-9]")
 
 
 def without_frames(content: Sequence[str], sample: Sequence[str]) -> list[str]:
-    """Return the rows of a table without the brackets or bars around them; as they are where not most of a `sample` have them."""
+    """Return the rows of a table without what frames them; as they are where not most of a `sample` are framed."""
     for frame in _FRAMES:
         if sum(bool(frame.fullmatch(line)) for line in sample) > _SHARE * len(sample):
             return [match["row"] if (match := frame.fullmatch(line)) else line for line in content]

@@ -14,6 +14,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 # Of a shaft that carries its load by a spring, the zeros lead: a fast pole and a delay of minus its time constant together follow
 # the input at once. Their sum says when the output begins.
 _LAGS = ("delay", "electrical_time_constant")
+_CHANGES_ALL_THE_TIME = 0.5  # of the rows
 _OUT_OF_STEP = 0.6  # of a sample time: a speed that was differenced ahead of its row comes half of one early
 
 
@@ -35,6 +36,9 @@ def _delay(fit: Fit) -> list[Finding]:
     whole, sd = _sum_of(fit, (*_LAGS, "time_constant"))
     halved = 0.5 * data.sample_time if data.kind == "speed" else 0.0
     if "time_constant" in names and whole + 3 * sd < -halved:
+        changes = np.mean(np.diff(data.u) != 0) > _CHANGES_ALL_THE_TIME
+        if changes and whole + 3 * sd > -halved - 0.5 * data.input_step:
+            return [_between_rows(whole, data.input_step)]
         return [_finding(with_unit(-whole, "s", 3))]
     return []
 
@@ -58,6 +62,16 @@ def _upper(fit: Fit) -> float:
 def _finding(early: str) -> Finding:
     sentence = f"The output comes {early} before the input that causes it: the two columns are misaligned."
     return warning("delay-negative", sentence, parameters=("delay",))
+
+
+def _between_rows(whole: float, step: float) -> Finding:
+    """What to say of a lag below zero by no more than the half row that a sampled input seems to come late by."""
+    sentence = (
+        f"Time constant and delay together are below zero, {with_unit(whole, 's', 3)}: what the input does between its rows, "
+        f"{with_unit(step, 's', 2)} apart, isn't in the file. If it changed evenly there, the two together are "
+        f"{with_unit(0.5 * step, 's', 2)} longer. Record the input as often as it changes."
+    )
+    return warning("delay-negative", sentence, parameters=("delay", "time_constant"))
 
 
 def _is_ahead_of_all(fit: Fit) -> bool:

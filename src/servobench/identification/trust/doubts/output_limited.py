@@ -72,7 +72,7 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
 def _finding(limit: str) -> Finding:
     return warning(
         "output-limited",
-        f"The output hardly rises beyond {limit} while the input goes on rising: the sensor's range or the supply ends there. "
+        f"The output hardly rises beyond {limit}, where the model's goes on rising: the sensor's range or the supply ends there. "
         "Stay below that speed, or leave those rows out.",
         parameters=("gain", "coulomb_voltage"),
     )

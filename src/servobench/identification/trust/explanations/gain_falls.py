@@ -46,7 +46,7 @@ def _gain_falls(case: Case) -> CauseFit | None:
 
 
 def _change(lost: float) -> float:
-    """The part by which the gain of small inputs exceeds a fit's: the largest decide that, and a part of their effect is `lost`."""
+    """The part by which the gain of small inputs exceeds a fit's, which the largest decide: of their effect a part is `lost`."""
     return lost / (1.0 - lost)
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.finding import warning
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import (
@@ -20,6 +21,7 @@ from servobench.identification.trust.explanations.equation import (
 _DAMPED = 0.3  # of critical damping: with more it hardly swings
 _NYQUIST = 0.25  # of the sampling frequency: what swings faster can't be seen to swing
 _PERIODS = 5  # in the record: what swings fewer times is anything slow
+_ONE_TURN = 0.25  # of the turns in a second: an oscillation as near to them may come round with the shaft
 _LAGS = 5  # of the filter, so that the fourth derivative is proper
 
 
@@ -40,18 +42,37 @@ def _resonance(case: Case) -> CauseFit | None:
     slowest = _PERIODS / max(each.t[-1] - each.t[0] for each in case.motions)
     if swinging is None or not slowest < swinging < fastest or without.misfit == 0:
         return None
-    sentence = (
-        f"The shaft oscillates at about {swinging:.2g} Hz, as two masses do with a compliant "
-        "coupling between them (a long shaft, a belt). A first-order motor is the wrong "
-        "structure: stiffen the coupling, remove the load, or excite it well below that frequency."
-    )
     return CauseFit(
-        finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant")),
+        finding=warning(
+            "response-oscillates", _sentence(case, swinging), parameters=("gain", "time_constant")
+        ),
         structural=True,
         misfit=case.plain.misfit * full_regression.misfit / without.misfit,
         chosen=4,
         structure="rational_3_2_integrator_delay",
     )
+
+
+def _sentence(case: Case, swinging: float) -> str:
+    turns = [_turns_per_second(m) for m in case.motions]
+    if all(abs(swinging - each) <= _ONE_TURN * each for each in turns):
+        return (
+            f"The speed varies at about {swinging:.2g} Hz while the shaft makes {turns[0]:.2g} turns a second: either something "
+            "comes round once a turn (an eccentric coupling or encoder, a bent shaft, gears), or two masses swing with a "
+            "compliant coupling between them. At another speed only the former changes its frequency."
+        )
+    return (
+        f"The shaft oscillates at about {swinging:.2g} Hz, as two masses do with a compliant "
+        "coupling between them (a long shaft, a belt). A first-order motor is the wrong "
+        "structure: stiffen the coupling, remove the load, or excite it well below that frequency."
+    )
+
+
+def _turns_per_second(m: Motion) -> float:
+    """The usual speed of a shaft [1/s]; 0 where the output isn't an angle."""
+    if m.data.position_unit != "rad":
+        return 0.0
+    return float(np.median(np.abs(smooth_speed(m.data)))) / (2 * np.pi)
 
 
 def _swing_frequency(poles: NDArray[np.complex128]) -> float | None:
