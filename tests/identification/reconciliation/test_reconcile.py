@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
-from servobench.core.finding import Severity
+from servobench.core.finding import Severity, Verdict, warning
 from servobench.identification.identify import identify
 from servobench.identification.reconciliation.reconcile import reconcile
 from servobench.identification.reconciliation.reenactment import reenact
@@ -237,6 +237,20 @@ def test_data_that_can_t_support_a_model_explain_nothing_and_say_so() -> None:
     assert found.verdict == "refused"
     assert found.differences == ()
     assert "can't support a model" in str(found)
+
+
+def test_a_figure_is_held_against_doubtful_data_with_reservations() -> None:
+    sound = identified(FRICTIONLESS)
+    doubtful = replace(
+        sound, findings=(*sound.findings, warning("fit-poor", "Half of the output is missed."))
+    )
+
+    assert sound.verdict is Verdict.TRUSTED
+    assert doubtful.verdict is Verdict.DOUBTFUL
+    first = why(doubtful, ["gain=30"]).sentences[0]
+    assert "doubtful" in first
+    assert first.endswith("Half of the output is missed.")
+    assert "doubtful" not in why(sound, ["gain=30"]).sentences[0]
 
 
 def test_a_gain_or_time_constant_that_is_hardly_known_is_held_against_nothing() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from servobench.core.arguments import check_type
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.estimate import Estimate
-from servobench.core.finding import Finding, Verdict, info, lower_first, warning
+from servobench.core.finding import Finding, Severity, Verdict, info, lower_first, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import TWO_SIDED, plain, rounded_interval, with_unit
 from servobench.identification.estimators.base import Fit
@@ -176,12 +176,23 @@ def _require_parameters(motor: MotorParameters | None) -> MotorParameters:
     return motor
 
 
+def _reservations(result: Result) -> list[str]:
+    """What speaks against the model that a figure is compared with: of a doubtful result the first reason."""
+    if result.verdict is not Verdict.DOUBTFUL:
+        return []
+    reasons = [finding.sentence for finding in result.findings if finding.severity == Severity.WARNING]
+    return [
+        f"The result from these data is doubtful, and the rest is only right if the model is. {reason}"
+        for reason in reasons[:1]
+    ]
+
+
 def _explain(question: Question, result: Result) -> Explanation:
     causes, hypotheses = _weigh(question)
     differences = _differences(question)
     agrees = chance_is_enough(question)
     alike = _alike(causes[0], hypotheses)
-    lines = difference_sentences(differences, question)
+    lines = [*_reservations(result), *difference_sentences(differences, question)]
     if not agrees:
         lines += sentences(question, causes, hypotheses, alike)
     return Explanation(
