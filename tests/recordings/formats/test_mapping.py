@@ -556,6 +556,21 @@ def test_values_that_are_not_finite_are_left_out_of_their_series_alone() -> None
     assert severities == [Severity.WARNING, Severity.INFO]
 
 
+@pytest.mark.parametrize(
+    ("lost", "severity"),
+    [(slice(14, 17), Severity.INFO), (slice(14, 18), Severity.WARNING), (slice(18, 21), Severity.WARNING)],
+    ids=["within a level", "for longer", "around a change"],
+)
+def test_a_lost_input_that_is_the_same_before_and_after_is_a_remark(lost: slice, severity: Severity) -> None:
+    """The input changes at row 20."""
+    u = np.where(np.arange(100) < 20, 0.0, 3.0)
+    u[lost] = np.nan
+
+    assigned = assign(changed(made("u", "y"), "u", u, T), output="y:rad")
+
+    assert finding(assigned.findings, "rows-left-out").severity is severity
+
+
 def test_input_and_output_may_have_different_times() -> None:
     recording = changed(made("u", "y"), "y", np.arange(30.0), 0.07 * np.arange(30))
 

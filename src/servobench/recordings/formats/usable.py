@@ -34,6 +34,7 @@ _FEW_LEFT_OUT = 0.01  # of the samples: what a logger spoils when it starts tell
 _MOST_ROUNDED = 0.5  # of the samples, with the time of the one before
 _MOST_REPEATED = 0.1  # of those, with another value; a logger that repeats rows has none
 _LONGEST_RECORDING = 1e12  # sample times; thirty years at a kilohertz
+_FEW_IN_A_ROW = 3  # samples without an input that is the same before and after them
 _RUN = 10  # samples that follow a jump far back before it is another run
 
 
@@ -63,7 +64,7 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
             findings.append(
                 about_merged_rows(each, series["output"])
                 if role == "input" and "output" in series and are_merged(each, series["output"])
-                else _omission(role, each.channel.name, keep & ~finite)
+                else _omission(role, each.channel.name, values, keep & ~finite)
             )
         keep = keep & finite
         if keep.sum() < 2:
@@ -102,12 +103,22 @@ def _check_span(name: str, t: Array) -> None:
         )
 
 
-def _omission(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
+def _omission(role: Role, name: str, values: Array, which: NDArray[np.bool_]) -> Finding:
     samples = np.flatnonzero(which) + 1
     sentence = f"Samples where the {role} `{name}` has no or an impossible value are left out: {in_words(samples, 'sample')}."
     # Of an input that isn't known it isn't known either what it did; an output may well come now and then.
-    severity = warning if role == "input" else info
+    severity = warning if role == "input" and not _stays_the_same(values, which) else info
     return severity("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))
+
+
+def _stays_the_same(values: Array, lost: NDArray[np.bool_]) -> bool:
+    """Whether an input (N,) has the same value before and after each of the few samples in a row in which it is lost."""
+    known = np.flatnonzero(np.isfinite(values))
+    after = np.searchsorted(known, np.flatnonzero(lost))
+    if not (after.min() > 0 and after.max() < len(known)):
+        return False
+    before, behind = known[after - 1], known[after]
+    return bool(np.all(values[before] == values[behind]) and np.all(behind - before <= _FEW_IN_A_ROW + 1))
 
 
 def _duplicate_rows(series: Iterable[Series], t: Array) -> NDArray[np.bool_]:
