@@ -114,6 +114,7 @@ _TABLE = (
         "It isn't known when within a call the device sampled; the delay may be too short by as much.",
         "Let the device keep the time."),
     FindingCode("device-silent", "The device doesn't answer and the motor may still turn.", "Cut the motor's supply."),
+    FindingCode("direction-words", "A column of words such as F and R is read as signs."),
     FindingCode("directions-differ", "The motor behaves differently in its two directions.",
         "Identify each direction, or use the structure with asymmetric friction."),
     FindingCode("disturbance-found", "A random torque moves the motor and is modelled."),

@@ -70,6 +70,27 @@ def test_what_frames_rows_or_underlines_names_is_no_part_of_the_table(frame: str
     assert columns(loaded(tmp_path, FRAMED[frame].replace("__ ", "___ "), "log.txt")) == NUMBERS
 
 
+WAYS = [("F", "N", "R"), ("fwd", "stop", "rev"), ("CW", "", "CCW")]
+
+
+@pytest.mark.parametrize("words", WAYS, ids=["letters", "short", "clockwise"])
+def test_words_for_a_direction_are_the_sign_of_a_duty(words: tuple[str, str, str], tmp_path: Path) -> None:
+    ways = [0, 0, 2, 2, 1, 0]
+    recording = loaded(
+        tmp_path, "t,pwm,dir\n" + "".join(f"{n},{n},{words[way]}\n" for n, way in enumerate(ways)), "log.txt"
+    )
+
+    assert columns(recording)["dir"] == [1.0, 1.0, -1.0, -1.0, 0.0, 1.0]
+    assert f"{words[2]!r} is read as −1" in finding(recording.findings, "direction-words").sentence
+
+
+@pytest.mark.parametrize("words", [("F", "F"), ("F", "X"), ("N", "N")])
+def test_words_for_one_way_or_for_something_else_are_no_signs(words: tuple[str, str], tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "t,dir\n" + "".join(f"{n},{words[n % 2]}\n" for n in range(6)), "log.txt")
+
+    assert "column-skipped" in [each.code for each in recording.findings]
+
+
 def test_a_semicolon_behind_a_decimal_comma_is_a_separator(tmp_path: Path) -> None:
     recording = loaded(tmp_path, "y\n" + "".join(f"{n},5;\n" for n in range(5)), "log.txt")
 

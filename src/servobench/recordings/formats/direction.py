@@ -30,7 +30,8 @@ def with_sign(size: Series, direction: Series) -> tuple[Series, Finding]:
     signs = _signs(direction.values)
     if signs is None:
         raise UsageError(
-            f"`{direction.channel.name}` can't be the sign of `{size.channel.name}`: expected a column of 1 and −1, or of 1 and 0"
+            f"`{direction.channel.name}` can't be the sign of `{size.channel.name}`: expected a column of 1 and −1, of 1 and 0, "
+            "or of words such as F and R"
         )
     channel = replace(
         size.channel,

@@ -27,6 +27,7 @@ from servobench.recordings.formats.capture_clock import (
 )
 from servobench.recordings.formats.columns import LARGEST_TABLE, Heading, heading, quote
 from servobench.recordings.formats.common_factor import about_factor, common_factor
+from servobench.recordings.formats.direction_words import about_direction, is_direction, signs_of
 from servobench.recordings.formats.framed_rows import rules, without_frames
 from servobench.recordings.formats.labelled_values import SEPARATOR, without_labels
 from servobench.recordings.formats.start_and_increment import about_times, with_times
@@ -208,6 +209,7 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     values *= factor
     faults.set_headers_apart(lines.content[start:], _rows_of_names(lines, start, used, layout), layout)
     headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
+    about_stamps += _read_directions(lines.content[start:], layout, headings, values, faults)
     _check_upright(values, name, layout.separator)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
@@ -329,6 +331,21 @@ def _read_stamps(
         sentence = f"`{headings[c].name}` has time stamps such as {example!r}; they are read as seconds from the first."
         findings.append(info("time-stamps", sentence))
     return tuple(new), findings, frozenset(stamped)
+
+
+def _read_directions(
+    content: Sequence[str], layout: Layout, headings: tuple[Heading, ...], values: Array, faults: Faults
+) -> list[Finding]:
+    """Put signs where columns have words for a direction; what was wrong with these cells is taken back."""
+    texts, findings = dict(faults.cells.get(_NO_NUMBER, {})), []
+    for c in [c for c in texts if is_direction(faults.texts[c].example) and np.isnan(values[:, c]).all()]:
+        cells = [(layout.row(line) or [""] * layout.columns)[c] for line in content]
+        signs = signs_of(cells)
+        if signs is not None:
+            values[:, c] = signs
+            faults.read(c, {})
+            findings.append(about_direction(headings[c].name or f"column_{c + 1}", cells))
+    return findings
 
 
 def _sort_lines(lines: Sequence[str]) -> _Lines:
