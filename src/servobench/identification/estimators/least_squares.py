@@ -216,10 +216,7 @@ def lowest(
 ) -> Minimum:
     """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) and `steps` as in `minimise`."""
     layout = Layout(structure, tuple(data))
-    nearer = _in_the_valley(layout, starts, free)
-    if len(nearer) > 1:
-        # The best first: those that are left far behind have to know how far the others came.
-        nearer = sorted(nearer, key=lambda start: at(layout, np.clip(start, *layout.bounds(free))).cost)
+    nearer = _far_ones_last(layout, _in_the_valley(layout, starts, free), free)
     ends: list[Descent] = []
     for start in nearer:
         end = descent(layout, start, free, steps, ends=ends)
@@ -273,6 +270,19 @@ def _in_the_valley(
         end for n, end in enumerate(ends) if n == 0 or end.cost > (1 + _SAME_PLACE) * ends[n - 1].cost
     ]
     return [end.theta for end in distinct[:_VALLEYS]]
+
+
+def _far_ones_last(
+    layout: Layout, starts: Sequence[Array], free: NDArray[np.bool_] | None
+) -> Sequence[Array]:
+    """The start vectors in their order, but for those far behind the best: they come when it is known how far others get."""
+    if len(starts) == 1:
+        return starts
+    bounds = layout.bounds(free)
+    costs = [at(layout, np.clip(start, *bounds)).cost for start in starts]
+    best = min(costs)
+    order = sorted(range(len(starts)), key=lambda n: costs[n] > _FAR_BEHIND * best)
+    return [starts[n] for n in order]
 
 
 def descent(
