@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -78,6 +79,7 @@ def answers(truth: Truth) -> dict[str, float]:
     return {"gain": k / (r * b + k * k), "time_constant": slow, "coulomb_voltage": tc * r / k}
 
 
+@cache
 def rows(
     signal: str, seed: int, samples: int = 5000, torque_noise: float = 1e-6
 ) -> tuple[Array, Array, Array]:
@@ -107,6 +109,22 @@ def packed(t: Array, u: Array, counts: Array, before: float = 0.0) -> Dataset:
     )  # fmt: skip
 
 
+LOOKS = (2.0, 3.0, 5.0, 7.0, 10.0)
+"""The times at which somebody looks at a run while it goes on [s]; the last one is its end."""
+
+
+@cache
+def followed(signal: str, seed: int, torque_noise: float) -> tuple[str, list[dict[str, tuple[float, float]]]]:
+    """The structure that is found in a run, and the estimate at each of the looks; several tests ask for the same runs."""
+    t, u, counts = rows(signal, seed, torque_noise=torque_noise)
+    recursive, found = live(u[0]), []
+    for begin, end in zip((0.0, *LOOKS), LOOKS, strict=False):
+        here = (t >= begin) & (t < end)
+        feed(recursive, t[here], u[here], counts[here])
+        found.append(recursive.estimate())
+    return recursive.structure, found
+
+
 @pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 20), marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("signal", "torque_noise"),
@@ -122,14 +140,11 @@ def test_it_ends_within_half_a_standard_deviation_of_prediction_error(
     blocks, and one has all of the data at once, the other sees them fifty at a time.
     """
     for seed in seeds:
+        structure, looks = followed(signal, seed, torque_noise)
         t, u, counts = rows(signal, seed, torque_noise=torque_noise)
-        recursive = live(u[0])
-        feed(recursive, t, u, counts)
-        batch = ESTIMATORS["prediction_error"].fit(
-            STRUCTURES[recursive.structure], [packed(t, u, counts, u[0])]
-        )
+        batch = ESTIMATORS["prediction_error"].fit(STRUCTURES[structure], [packed(t, u, counts, u[0])])
         for name in SHARED:
-            value, _ = recursive.estimate()[name]
+            value, _ = looks[-1][name]
             assert abs(value - batch[name].value) <= 0.5 * batch[name].sd, (seed, name)
 
 
@@ -144,15 +159,10 @@ def test_it_ends_within_half_a_standard_deviation_of_prediction_error(
 )
 def test_intervals_cover_and_shrink_while_the_motor_runs(signal: str) -> None:
     """At five times in each of 20 runs. Looks at one run aren't independent, so this allows for 90 % where 95 % are stated."""
-    looks = (2.0, 3.0, 5.0, 7.0, 10.0)
-    inside, sds = dict.fromkeys(SHARED, 0), np.zeros((20, len(looks), len(SHARED)))
+    inside, sds = dict.fromkeys(SHARED, 0), np.zeros((20, len(LOOKS), len(SHARED)))
     for seed in range(20):
-        t, u, counts = rows(signal, seed)
-        truth, recursive = answers(drawn(seed)), live(u[0])
-        for n, (begin, end) in enumerate(zip((0.0, *looks), looks, strict=False)):
-            here = (t >= begin) & (t < end)
-            feed(recursive, t[here], u[here], counts[here])
-            found = recursive.estimate()
+        truth, (_, looks) = answers(drawn(seed)), followed(signal, seed, 1e-6)
+        for n, found in enumerate(looks):
             for name in SHARED:
                 value, sd = found[name]
                 inside[name] += abs(value - truth[name]) <= 1.96 * sd
@@ -160,9 +170,9 @@ def test_intervals_cover_and_shrink_while_the_motor_runs(signal: str) -> None:
     # Five times as long is √5 times as narrow, and no more than a third less of it: the last intervals allow for colour, which
     # the first ones, with too few stretches to tell it from, don't yet.
     middle = np.median(sds, axis=0)
-    assert (middle[-1] < 4 / 3 * np.sqrt(looks[0] / looks[-1]) * middle[0]).all()
+    assert (middle[-1] < 4 / 3 * np.sqrt(LOOKS[0] / LOOKS[-1]) * middle[0]).all()
     for name, count in inside.items():
-        assert count >= 0.9 * 20 * len(looks), (name, count)
+        assert count >= 0.9 * 20 * len(LOOKS), (name, count)
 
 
 def test_intervals_cover_where_rounding_repeats_and_no_torque_acts() -> None:
