@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,6 +22,7 @@ KILLS = 100
 """Random moments, as the safety page says; in `make test` a quarter of them."""
 SHARE = 0.99  # of the samples that are older
 LONGEST = 60.0  # seconds; a hang would take for ever
+POLL = 2e-4  # seconds; looking without a break takes the processor from the application that is looked at
 
 
 class Applications:
@@ -76,7 +78,7 @@ def test_of_killed_applications_all_that_is_older_than_250_ms_is_recovered(
             kill_at = int(random.integers(300, 3000))
             child = applications.start(path, ours)
             while ours.rows.written < kill_at and applications.running:
-                pass
+                time.sleep(POLL)
             os.kill(child, signal.SIGKILL)
             assert applications.status() == -signal.SIGKILL
             pushed = ours.rows.written
@@ -119,7 +121,7 @@ def test_a_real_run_of_which_all_three_processes_are_killed_leaves_all_that_was_
     loop, recorder, name = program.stdout.readline().split()
     with RowRing.attach(name) as rows:
         while rows.get(ROWS_KEPT) < 200 and program.poll() is None:
-            pass
+            time.sleep(POLL)
         for process in (int(recorder), int(loop), program.pid):
             os.kill(process, signal.SIGKILL)
         program.wait(LONGEST)
