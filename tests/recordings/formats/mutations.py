@@ -14,6 +14,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -116,15 +117,15 @@ def _outcome(path: Path) -> str:
     return "read" if finite else "a channel that isn't float64"
 
 
-def main(file: str, seed: str, count: str) -> None:
-    """Read damaged copies of a file and print how often each thing came of it, and the most memory that it took, as JSON."""
+def main(file: str, seed: str, first: str, last: str) -> None:
+    """Read the damaged copies of a file with these numbers; print how often each thing came of it, and the most memory."""
     warnings.simplefilter("error")
     path = Path(file)
     data = path.read_bytes()
     load(path)  # libraries are loaded, which takes as long as it takes, and caches filled
     reader_process._SECONDS = _PATIENCE
     outcomes: Counter[str] = Counter()
-    for damaged in mutations(data, int(seed), int(count)):
+    for damaged in islice(mutations(data, int(seed), int(last)), int(first), None):
         refill(path, damaged or b"\n")
         outcomes[_outcome(path)] += 1
     json.dump({"outcomes": outcomes, "most_memory": most_memory(os.getpid())}, sys.stdout)
