@@ -99,7 +99,7 @@ def test_text_is_read_without_a_child(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def mat_of_zeros(path: Path, count: int) -> None:
-    """A MAT file of version 5 with one compressed vector of zeros, written without ever holding it."""
+    """A MAT file of version 5 with one compressed vector of zeros, written without ever holding or packing all of it."""
     scipy.io.savemat(path, {})
     zeros = bytes(2**20)
     size = 8 * count
@@ -108,10 +108,17 @@ def mat_of_zeros(path: Path, count: int) -> None:
         + struct.pack("<2I8s", 1, 1, b"u")
         + struct.pack("<2I", 9, size)
     )
-    packer = zlib.compressobj(1)
-    parts = [packer.compress(struct.pack("<2I", 14, len(matrix) + size) + matrix)]
-    parts += [packer.compress(zeros[: min(len(zeros), size - at)]) for at in range(0, size, len(zeros))]
-    packed = b"".join([*parts, packer.flush()])
+    head = struct.pack("<2I", 14, len(matrix) + size) + matrix
+    # After a full flush the same bytes are packed the same way again.
+    packer = zlib.compressobj(1, wbits=-15)
+    first, each, last = (
+        packer.compress(part) + packer.flush(zlib.Z_FULL_FLUSH)
+        for part in (head, zeros, zeros[: size % len(zeros)])
+    )
+    # Adler-32: a zero adds nothing to the lower sum, and the lower sum to the upper one.
+    upper, lower = divmod(zlib.adler32(head), 2**16)
+    sums = struct.pack(">2H", (upper + size * lower) % 65521, lower)
+    packed = b"".join([b"\x78\x01", first, each * (size // len(zeros)), last, packer.flush(), sums])
     with path.open("ab") as file:
         file.write(struct.pack("<2I", 15, len(packed)) + packed)
 
