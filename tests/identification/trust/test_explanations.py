@@ -56,6 +56,27 @@ def test_a_gain_that_falls_by_less_than_its_interval_is_a_remark(of_gain: float,
     assert cause.severity is severity
 
 
+@pytest.mark.parametrize(
+    ("label", "really", "advice"),
+    [(3.0, 2.2, "or leave it out."), (4.0, 3.0, "characteristic bends there"), (3.0, -1.0, "")],
+    ids=["in the middle", "the largest", "the other way"],
+)
+def test_a_level_that_acts_like_another_one_may_have_a_wrong_label(
+    label: float, really: float, advice: str
+) -> None:
+    """Eight levels; none acts against its own sign, unless only that is wrong."""
+    levels = np.repeat([-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0], 4)
+    u = np.repeat(np.random.default_rng(1).permutation(levels), 100)
+
+    found = [
+        cause
+        for cause in explain([told(u, np.where(u == label, really, u))])
+        if cause.code == "level-disagrees"
+    ]
+
+    assert [advice in cause.sentence for cause in found] == [True] * bool(advice)
+
+
 def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing() -> None:
     """Levels of 40 ms over 1500 s, on a grid of 6000 points 250 ms apart: what acts between them isn't seen."""
     levels = np.random.default_rng(0).uniform(-3, 3, 37_500)

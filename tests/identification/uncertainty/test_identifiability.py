@@ -214,6 +214,23 @@ def test_records_of_one_speed_each_that_no_gain_explains_are_told_what_is_missin
     )
 
 
+def test_records_that_settle_at_two_speeds_under_one_level_are_told_apart() -> None:
+    """Both set off from rest, under an input that is on from the first row."""
+    base = dataset(seed=1, samples=200, sample_time=0.01, u=np.full(200, 5.0))
+    base = replace(base, input_before=5.0, kind="speed", output_unit="rad/s", quantum=None)
+    noise = 0.3 * np.random.default_rng(1).standard_normal(200)
+    result = identify(
+        [
+            replace(base, name=f"motor {speed:g}", y=speed * -np.expm1(-np.arange(200.0) / 8.0) + noise)
+            for speed in (50.0, 20.0)
+        ]
+    )
+
+    (refused,) = (finding for finding in result.findings if finding.code == "nothing-known")
+    apart = "At 5 V the motor settled at 20 rad/s in motor 20, and at 50 rad/s in motor 50"
+    assert apart in refused.sentence.replace("\u00a0", " ")
+
+
 def test_a_motor_that_sets_off_under_a_steady_input_is_told_that_a_model_explains_little(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

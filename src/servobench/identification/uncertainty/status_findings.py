@@ -20,6 +20,7 @@ from servobench.identification.uncertainty.identifiability import (
 from servobench.identification.uncertainty.status_text import in_words
 
 _FOLLOWS = 50.0  # percent of the output: what explains so much shows that the input acts
+_APART = 0.2  # of the larger one: by how much the speeds of records at one level differ at the least
 _FEW = 6  # levels that a sentence lists
 _ASKED_FOR = ("gain", "loop_gain", "time_constant")
 
@@ -89,6 +90,9 @@ def _end_speeds(fit: Fit) -> dict[float, float]:
 
 def _speeds_text(fit: Fit) -> str:
     """What is known all the same: the speeds that the motor settled at; the empty text where it settled nowhere, or at many."""
+    apart = _speeds_apart(fit)
+    if apart:
+        return apart
     data, speeds = fit.records[0].data, _end_speeds(fit)
     if not 0 < len(speeds) <= _FEW:
         return ""
@@ -97,6 +101,23 @@ def _speeds_text(fit: Fit) -> str:
         for level, speed in speeds.items()
     ]
     return f" The motor settled at {list_text(texts)}."
+
+
+def _speeds_apart(fit: Fit) -> str:
+    """The level at which two records settled at speeds that no model can have both, in words; the empty text where none is so."""
+    each = [(record.data, speeds_by_level([record.data])) for record in fit.records]
+    for level in sorted({level for _, speeds in each for level in speeds if level != 0.0}):
+        settled = sorted(
+            ((speeds[level], data) for data, speeds in each if level in speeds), key=lambda one: one[0]
+        )
+        (low, one), (high, other) = settled[0], settled[-1]
+        if high - low > _APART * max(abs(low), abs(high)):
+            unit = f"{one.position_unit}/s"
+            return (
+                f" At {with_unit(level, one.input_unit, 3)} the motor settled at {with_unit(low, unit, 3)} in {one.name}, and at "
+                f"{with_unit(high, unit, 3)} in {other.name}: that isn't one motor in one state. Identify each file by itself."
+            )
+    return ""
 
 
 def _any_gain(gain: ParameterStatus, fit: Fit) -> str:

@@ -40,14 +40,19 @@ def _gain_falls(case: Case) -> CauseFit | None:
         finding=warning("gain-falls", _sentence(case, bend, slope), parameters=("gain",)),
         misfit=clipped.misfit,
         chosen=1,
-        change=_change((1.0 - slope) * (1.0 - bend / largest)),
+        change=_change(bend / largest, slope),
         remedy=lambda data: replace(data, u=_bent(data.u, bend, slope), reference=None),
     )
 
 
-def _change(lost: float) -> float:
-    """The part by which the gain of small inputs exceeds a fit's, which the largest decide: of their effect a part is `lost`."""
-    return lost / (1.0 - lost)
+def _change(bend: float, slope: float) -> float:
+    """The part of a fit's gain by which that below a `bend` exceeds it, or that beyond falls short of it: the larger one.
+
+    The bend is a part of the largest input, the `slope` the gain beyond it, as a part of that below. A fit goes by the largest
+    input, and has the mean gain up to there.
+    """
+    fitted = bend + slope * (1.0 - bend)
+    return max(1.0 / fitted, 2.0 - slope / fitted) - 1.0
 
 
 def _with_bend(case: Case, limit: float) -> Regression:

@@ -1,4 +1,4 @@
-"""One level of the input that acts like another one: a wrong label, or a supply that couldn't keep up."""
+"""One level of the input that acts like another one: a wrong label, a supply that couldn't keep up, or a bent characteristic."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from servobench.identification.trust.explanations.cause import CauseFit
 
 _MOST_LEVELS = 16
 _FEWEST = 4  # with fewer levels, one that is off is only another gain or offset
+_SAME = 0.2  # of a level: as near as one with the wrong sign comes to its size
 _SHARE = 0.02  # of the samples at a level that counts
 
 
@@ -29,12 +30,18 @@ def _level(case: Case) -> CauseFit | None:
         return None
     best_regression, level = min(tried, key=lambda each: each[0].misfit)
     really = level + best_regression.coefficients[-1] / best_regression.coefficients[1]
+    if really * level < 0.0 and abs(really + level) > _SAME * abs(level):
+        return None  # no supply turns a level round, and of a wrong sign the size is right
     unit = case.motions[0].data.input_unit
-    sentence = (
-        f"The level recorded as {level:g} {unit} acts like {really:.3g} {unit}, compared with the "
-        "other levels: its label is wrong, or the supply couldn't hold it. Correct it, or leave "
-        "it out."
+    alike = np.abs(levels[levels * level > 0.0])
+    may_bend = len(alike) < _FEWEST or (abs(level) == alike.max() and abs(really) < abs(level))
+    why = (
+        "its label is wrong, the supply couldn't hold it, or the motor's characteristic bends there. Correct it, or identify "
+        "each range of the input by itself."
+        if may_bend
+        else "its label is wrong, or the supply couldn't hold it. Correct it, or leave it out."
     )
+    sentence = f"The level recorded as {level:g} {unit} acts like {really:.3g} {unit}, compared with the other levels: {why}"
     return CauseFit(
         finding=warning("level-disagrees", sentence, parameters=("gain",)),
         misfit=best_regression.misfit,
