@@ -18,6 +18,7 @@ _BELOW = (0.05, 0.95)  # of a limit: inputs there act in full and show by how mu
 _LESS = 0.8  # of the misfit is left if inputs beyond the limit act at all
 _NEAR = 1.2  # times a limit: without inputs that are as near, the limit itself wasn't seen
 _LEAST = 0.1  # of the effect below: less is none
+_LATE = 0.8  # of the largest input: a bend beyond that leaves a gain as it is for most inputs
 _SEEN = 0.01  # of the samples, at least, have such an input
 
 
@@ -49,10 +50,11 @@ def _change(bend: float, slope: float) -> float:
     """The part of a fit's gain by which that below a `bend` exceeds it, or that beyond falls short of it: the larger one.
 
     The bend is a part of the largest input, the `slope` the gain beyond it, as a part of that below. A fit goes by the largest
-    input, and has the mean gain up to there.
+    input, and has the mean gain up to there. Beyond a bend near the end there is hardly an input that the gain is used for.
     """
     fitted = bend + slope * (1.0 - bend)
-    return max(1.0 / fitted, 2.0 - slope / fitted) - 1.0
+    below = 1.0 / fitted - 1.0
+    return below if bend > _LATE else max(below, 1.0 - slope / fitted)
 
 
 def _with_bend(case: Case, limit: float) -> Regression:
