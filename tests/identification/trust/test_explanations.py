@@ -56,6 +56,18 @@ def test_a_gain_that_falls_by_less_than_its_interval_is_a_remark(of_gain: float,
     assert cause.severity is severity
 
 
+@pytest.mark.parametrize(("of_gain", "severity"), [(0.05, Severity.WARNING), (0.2, Severity.INFO)])
+def test_a_limit_near_the_largest_input_is_held_against_the_gain_below_it(
+    of_gain: float, severity: Severity
+) -> None:
+    """A tenth of the largest input has no effect: the gain is 11 % more below that, and hardly used beyond."""
+    clipped = told(staircase(), np.clip(staircase(), -2.7, 2.7))
+    (cause,) = Causes((clipped,)).explain(80.0, of_gain)
+
+    assert cause.code == "gain-falls"
+    assert cause.severity is severity
+
+
 @pytest.mark.parametrize(
     ("label", "really", "advice"),
     [(3.0, 2.2, "or leave it out."), (4.0, 3.0, "characteristic bends there"), (3.0, -1.0, "")],
