@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -70,6 +71,16 @@ def test_a_delay_that_only_a_start_under_a_rising_input_shows_is_doubted(stickin
     assert abs(sticking.model["gain"] - GAIN) > 0.5 * GAIN
     assert doubt.code == "start-held"
     assert "static friction may have held it" in doubt.sentence
+
+
+def test_what_a_device_is_known_to_be_late_by_is_no_part_of_it(sticking: Fit) -> None:
+    """Two samples later in all, as the device says: the input a whole delay before the motion is the same."""
+    later = identify(replace(turned(risen(), STATIC, 3), delay=2 * STEP)).fit
+    assert later is not None
+
+    (one,), (other,) = doubts(sticking), doubts(later)
+
+    assert re.findall(r"rose from (\S+)", other.sentence) == re.findall(r"rose from (\S+)", one.sentence)
 
 
 def test_one_that_a_later_step_shows_as_well_is_not() -> None:

@@ -20,6 +20,7 @@ from servobench.identification.models.level import single_level
 from servobench.recordings.measurement.dataset import Dataset
 
 _LARGEST = 0.5  # of the level: motors that lose more of it to friction hardly turn
+_NOTHING = 1e-300  # a sum of squares that has a logarithm
 _BY_CHANCE = 9.0  # in twice the log-likelihood: three standard deviations
 
 
@@ -50,8 +51,5 @@ def with_usual_friction(
         effective_samples(jacobian_and_residual(record, prediction)[1])
         for record, prediction in zip(data, minimum.predictions, strict=True)
     )
-    return (
-        likely
-        if worth * np.log(max(likely.cost, 1e-300) / max(minimum.cost, 1e-300)) <= _BY_CHANCE
-        else minimum
-    )
+    rise = np.log(max(likely.cost, _NOTHING) / max(minimum.cost, _NOTHING))
+    return likely if worth * rise <= _BY_CHANCE else minimum

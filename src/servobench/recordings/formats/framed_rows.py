@@ -10,9 +10,8 @@ from collections.abc import Sequence
 _FRAMES = (
     re.compile(r"\s*[\[({]++(?P<row>[^\[\](){}]++)[\])}]++\s*+[,;]?+\s*"),
     re.compile(r"\s*\|(?P<row>.*)\|\s*"),
-    re.compile(
-        r"(?!\s*+[+-]?\d++,\d++\s*+;)(?P<row>[^;]*[^;\s]\s*[,\s]\s*[^;\s][^;]*);\s*"
-    ),  # not a number such as `1,5;`
+    # Two cells at least; `1,5;` is a number with a decimal comma.
+    re.compile(r"(?!\s*+[+-]?\d++,\d++\s*+;)(?P<row>\s*+[^;,\s]++[,\s]++[^;,\s][^;]*+);\s*+"),
 )
 _SHARE = 0.5  # of the rows, more than which have a frame; the names of the columns may stand without
 _RULE = frozenset("-_=|+: \t")

@@ -56,7 +56,7 @@ def _levels(record: FittedRecord, usual: float, delay: float) -> tuple[float, fl
     data, first = record.data, record.data.first_motion
     if first is None or not rests_at_first(data):
         return None
-    then, now = data.u[data.hold_indices(first.effect - np.array([delay, usual]))]
+    then, now = data.u[data.hold_indices(first.effect - data.delay - np.array([delay, usual]))]
     return (float(then), float(now)) if abs(now) - then * np.sign(now) > _RISES * abs(now) else None
 
 
@@ -66,8 +66,8 @@ def _sd_beside_starts(fit: Fit, levels: Sequence[tuple[float, float] | None]) ->
     information = np.eye(len(scale)) / WEAK**2
     for record, held in zip(fit.records, levels, strict=True):
         j, e = _after_start(fit, record, held is not None)
-        power = float(e @ e) / max(effective_samples(e), 1.0)
-        information += (j * scale).T @ (j * scale) / power if power > 0 else 0.0
+        if len(e) > len(scale) and e.any():
+            information += (j * scale).T @ (j * scale) * effective_samples(e) / float(e @ e)
     at = fit.model.names.index("delay")
     return float(scale[at] * np.sqrt(np.linalg.inv(information)[at, at]))
 
@@ -82,7 +82,7 @@ def _after_start(fit: Fit, record: FittedRecord, is_held: bool) -> tuple[Array, 
     begins = first.effect if is_held and first is not None else data.t_output[0]
     use = prediction.valid & (data.t_output >= begins)
     gone = data.t_output[use] - begins
-    free = np.exp(-gone / fit.model["time_constant"])[:, None]
+    free = np.exp(-gone / (fit.model["time_constant"] or data.sample_time))[:, None]
     if data.kind == "position":
         free = np.column_stack([free, np.ones(len(gone))])
     basis, _ = np.linalg.qr(free)
