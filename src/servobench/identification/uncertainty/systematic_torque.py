@@ -51,7 +51,7 @@ def systematic_share(fit: Fit) -> float:
     each = list(zip(grouped, fit.records, used, strict=True))
     groups = np.concatenate([group[use] for group, _, use in each])
     innovations = np.concatenate([record.innovations[use] for _, record, use in each])
-    alike = np.concatenate([_sharing(group, record.data)[use] for group, record, use in each])
+    alike = np.concatenate([_samples_alike(group, record.data)[use] for group, record, use in each])
     enough = np.bincount(groups) >= _FEW
     sums, counts = (np.bincount(groups, weights=of)[enough] for of in (innovations, alike))
     variance = float(innovations @ innovations) / max(len(innovations), 1)
@@ -70,7 +70,7 @@ def _groups(speed: Array, top: float) -> NDArray[np.int64]:
     return np.asarray(4 * size + 2 * (speed > 0) + faster, dtype=np.int64)
 
 
-def _sharing(groups: NDArray[np.int64], data: Dataset) -> Array:
+def _samples_alike(groups: NDArray[np.int64], data: Dataset) -> Array:
     """The number of samples (M,) that share each one's error of rounding: those in a row of one group, within a step."""
     if data.quantum is None or data.kind != "position":
         return np.ones(len(groups))
