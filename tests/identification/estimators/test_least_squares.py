@@ -169,29 +169,28 @@ def test_a_search_goes_on_as_long_as_it_comes_down_by_much(off: tuple[float, flo
     assert found.cost == pytest.approx(whole.cost, rel=1e-9)
 
 
-def test_a_search_that_comes_to_the_end_of_another_one_ends_there() -> None:
+def two_starts(off: float) -> tuple[Layout, np.ndarray, np.ndarray]:
+    """A record of a motor with friction, a guess for it, and a start whose gain and time constant are `off` times as large."""
     data = (dataset(seed=1, kind="prbs", samples=700),)
     structure = STRUCTURES["first_order_coulomb"]
-    layout = Layout(structure, data)
     start = structure.guesses(data)[0]
-    end = descent(layout, start)
     beside = start.copy()
-    beside[:2] *= 1.3
+    beside[:2] *= off
+    return Layout(structure, data), start, beside
+
+
+def test_a_search_that_comes_to_the_end_of_another_one_ends_there() -> None:
+    layout, start, beside = two_starts(1.3)
+    end = descent(layout, start)
 
     assert descent(layout, beside, ends=[end]) is end
-    assert len(lowest(structure, data, [start, beside]).others) == 0
+    assert len(lowest(layout.structure, layout.data, [start, beside]).others) == 0
 
 
 def test_a_search_that_stays_far_behind_another_one_is_given_up() -> None:
     """The sum of squares hardly depends on a time constant far beyond the record, and creeps there for a hundred steps."""
-    data = (dataset(seed=1, kind="prbs", samples=700),)
-    structure = STRUCTURES["first_order_coulomb"]
-    layout = Layout(structure, data)
-    start = structure.guesses(data)[0]
-    end = descent(layout, start)
-    beside = start.copy()
-    beside[:2] *= 1e4
-    alone = descent(layout, beside)
+    layout, start, beside = two_starts(1e4)
+    end, alone = descent(layout, start), descent(layout, beside)
 
     behind = descent(layout, beside, ends=[end])
 

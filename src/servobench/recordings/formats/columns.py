@@ -37,9 +37,8 @@ TIME_NAMES = frozenset(
 SECONDS_BY_CONVENTION = frozenset({"t", "time", "zeit", "temps", "tempo", "tiempo"})
 """The names that mean seconds unless another unit is given."""
 
-_REMARKS_ON_TIME = frozenset(
-    {"t", "time", "elapsed", "relative", "local", "utc", "gmt"}
-)  # as in `time(t)`: no units
+# As in `time(t)`: no units.
+_REMARKS_ON_TIME = frozenset({"t", "time", "elapsed", "relative", "local", "utc", "gmt"})
 _LAST_WORDS = ("_time", "_timestamp")  # of a name that has a unit of time: `ros_time_s`
 
 # A unit at the end of a name, as in `theta_deg`. Only what can hardly mean anything else; `_m` may stand for "measured".
@@ -154,12 +153,7 @@ def _unit_in_name(name: str) -> str | None:
     if voltage := _VOLTAGE.fullmatch(name):
         return {"v": "V", "mv": "mV"}[voltage[1].lower()]
     remark = _remark_of_time(name)
-    if (
-        remark
-        and remark["between"]
-        and is_unit(remark["between"])
-        and unit(remark["between"]).quantity == "time"
-    ):
+    if remark and remark["between"] and _is_unit_of_time(remark["between"]):
         return remark["between"]  # `Time_ms_` was `Time (ms)` before a program put underscores in
     ending = _ENDING.fullmatch(name)
     if ending:
@@ -307,6 +301,10 @@ def _last_part(heading: Heading) -> str:
     return remark["name"].strip() if remark else heading.name[len(_folder(heading.name)) :]
 
 
+def _is_unit_of_time(symbol: str) -> bool:
+    return is_unit(symbol) and unit(symbol).quantity == "time"
+
+
 def _remark_of_time(name: str) -> re.Match[str] | None:
     """The parts of a time's name that has a remark behind it; None of any other name."""
     remark = REMARK.fullmatch(name[len(_folder(name)) :])
@@ -318,7 +316,7 @@ def time_unit(heading: Heading) -> str | None:
     if not _is_named_time(heading):
         return None
     if heading.unit is not None:
-        return heading.unit if is_unit(heading.unit) and unit(heading.unit).quantity == "time" else None
+        return heading.unit if _is_unit_of_time(heading.unit) else None
     remark = _remark_of_time(heading.name)
     if remark and (remark["inside"] or remark["between"]).strip().lower() not in _REMARKS_ON_TIME:
         return None  # it may be a unit that isn't known here, and seconds would be a guess

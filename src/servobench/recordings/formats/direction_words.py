@@ -10,6 +10,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
 
+# Which of two turning senses is positive is a convention: the other one turns the gain's sign round.
 _WORDS: Final = {
     **dict.fromkeys(("f", "fw", "fwd", "forward", "forwards", "cw"), 1.0),
     **dict.fromkeys(("r", "rev", "reverse", "bw", "bwd", "backward", "backwards", "ccw"), -1.0),
@@ -34,4 +35,4 @@ def about_direction(name: str, cells: Iterable[str]) -> Finding:
     """Return the finding on a column of such words, each of which is named with its sign."""
     words = sorted({cell.strip() for cell in cells} - {""}, key=lambda word: -_WORDS[word.lower()])
     read = ", ".join(f"{word!r} is read as {_WORDS[word.lower()]:g}".replace("-", "−") for word in words)
-    return info("direction-words", f"`{name}` holds directions, of which {read}.")
+    return info("direction-words", f"`{name}` holds directions: {read}.")

@@ -208,8 +208,8 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
     values, faults = numbers(lines.content[start:], layout)
     values *= factor
     faults.set_headers_apart(lines.content[start:], _rows_of_names(lines, start, used, layout), layout)
-    headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
-    about_stamps += _read_directions(lines.content[start:], layout, headings, values, faults)
+    headings, about_texts, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
+    about_texts += _read_directions(lines.content[start:], layout, headings, values, faults)
     _check_upright(values, name, layout.separator)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
@@ -226,7 +226,7 @@ def parse(text: str, name: str, separator: str | None = None, decimal: str | Non
         *about_notation,
         *about_header,
         *_about_lines(lines, start, used),
-        *about_stamps,
+        *about_texts,
         *about_cells,
     ]
     table = Table(
@@ -322,7 +322,7 @@ def _read_stamps(
     texts = dict(faults.cells.get(_NO_NUMBER, {}))
     new, findings, stamped = list(headings), [], set()
     for c in [c for c in texts if is_stamp(faults.texts[c].example) and np.isnan(values[:, c]).all()]:
-        cells = [(layout.row(line) or [""] * layout.columns)[c] for line in content]
+        cells = _cells_of_column(content, layout, c)
         values[:, c] = seconds_from_first(cells)
         example = faults.texts[c].example
         faults.read(c, {k: cells[k] for k in texts[c] if np.isnan(values[k, c])})
@@ -339,13 +339,18 @@ def _read_directions(
     """Put signs where columns have words for a direction; what was wrong with these cells is taken back."""
     texts, findings = dict(faults.cells.get(_NO_NUMBER, {})), []
     for c in [c for c in texts if is_direction(faults.texts[c].example) and np.isnan(values[:, c]).all()]:
-        cells = [(layout.row(line) or [""] * layout.columns)[c] for line in content]
+        cells = _cells_of_column(content, layout, c)
         signs = signs_of(cells)
         if signs is not None:
             values[:, c] = signs
             faults.read(c, {})
             findings.append(about_direction(headings[c].name or f"column_{c + 1}", cells))
     return findings
+
+
+def _cells_of_column(content: Sequence[str], layout: Layout, c: int) -> list[str]:
+    """The cells of column c, counted from 0; empty ones in rows that have another number of cells."""
+    return [(layout.row(line) or [""] * layout.columns)[c] for line in content]
 
 
 def _sort_lines(lines: Sequence[str]) -> _Lines:
