@@ -152,3 +152,45 @@ def test_a_motor_under_one_negative_level_is_known_as_well_as_under_a_positive_o
 
     assert again.estimate.value == pytest.approx(-there.estimate.value, rel=1e-3)
     assert again.estimate.half_width == pytest.approx(there.estimate.half_width, rel=0.1)
+
+
+def wheel(level: float, seed: int) -> Dataset:
+    """A wheel of 0.187 rad/(s %) and 0.1 s that loses 7.5 % to friction, from rest under a level [%], behind 360 counts a turn.
+
+    Its speed is 0.187 (u - 7.5), and its angle the integral of how that is approached. The file begins with the level.
+    """
+    t, quantum = 0.007 * np.arange(130), 2 * np.pi / 360
+    speed = 0.187 * (level - np.copysign(7.5, level))
+    angle = speed * (t + 0.1 * np.expm1(-t / 0.1)) + np.random.default_rng(seed).uniform(0.0, quantum)
+    y = (np.floor(angle / quantum) + 0.5) * quantum
+    data = dataset(seed=seed, samples=len(t), sample_time=0.007, y=y)
+    return replace(data, u=np.full(len(t), level), input_unit="%", input_before=level, quantum=quantum)
+
+
+@pytest.mark.parametrize(("forward", "backward"), [(60.0, -60.0), (20.0, -60.0), (60.0, -100.0)])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_one_level_in_each_direction_does_not_rule_friction_out(
+    forward: float, backward: float, seed: int
+) -> None:
+    """Any friction with its own gain and offset makes both speeds; a gain without friction, a tenth too small, was trusted."""
+    result = identify([wheel(forward, seed), wheel(backward, seed + 10)])
+
+    codes = {finding.code for finding in result.findings}
+    assert codes & {"friction-possible", "friction-found"}
+    assert "friction-not-found" not in codes
+    assert result.answers["gain"].state is State.COMBINATION
+    (speed,) = (each for each in result.combinations if each.name == "speed_at_level")
+    level = speed.input_level
+    assert level is not None
+    low, high = speed.estimate.interval
+    assert low < 0.187 * (level - np.copysign(7.5, level)) < high
+    assert result.verdict is Verdict.TRUSTED
+
+
+def test_two_levels_in_one_direction_and_one_in_the_other_tell_gain_and_friction() -> None:
+    result = identify([wheel(20.0, 1), wheel(60.0, 2), wheel(-60.0, 3)])
+
+    for name, value in (("gain", 0.187), ("coulomb_voltage", 7.5)):
+        assert result.answers[name].state is State.KNOWN
+        low, high = result.answers[name].estimate.interval
+        assert low < value < high

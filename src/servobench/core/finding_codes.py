@@ -328,6 +328,7 @@ _TABLE = (
     FindingCode("records-disagree", "Records can't be of one motor in one state.", "Identify each by itself.", Role.EXPLANATION),
     FindingCode("reference-missing", "The estimator needs the loop's reference.",
         "Give the reference, or use `srivc` for an open loop."),
+    FindingCode("reference-possible", "A column has the name of a loop's reference.", "Give it as the reference if it is one."),
     FindingCode("residual-above-rounding", "The residual is larger than encoder rounding."),
     FindingCode("residual-coloured", "The residual isn't white: the model lacks something.",
         "See the findings that name a cause; use a richer structure.", Role.SYMPTOM),

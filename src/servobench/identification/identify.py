@@ -74,7 +74,7 @@ from servobench.identification.uncertainty.small_departures import with_small_de
 from servobench.identification.uncertainty.static_friction import with_static_friction
 from servobench.identification.uncertainty.status_findings import about_answers
 from servobench.identification.uncertainty.unresolved_time_constant import with_unresolved_time_constant
-from servobench.identification.uncertainty.weak_priors import with_weak_priors
+from servobench.identification.uncertainty.weak_priors import is_friction_open, with_weak_priors
 from servobench.recordings.evidence import Evidence
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.shared_samples import share_samples
@@ -351,7 +351,7 @@ def _with_allowances(
     """The fit with all the lines of its budget: what the data and experience say that a model may be wrong by."""
     fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
     one_level = single_level(records) is not None
-    fit = with_weak_priors(fit) if one_level else fit
+    fit = with_weak_priors(fit) if one_level or is_friction_open(fit) else fit
     fit = widen_for_disagreement(
         with_small_departures(
             with_static_friction(with_friction_near_rest(with_one_lag(with_friction_range(fit))))

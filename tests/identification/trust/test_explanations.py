@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -242,3 +243,27 @@ def test_a_limit_in_a_record_of_eighty_samples_is_explained() -> None:
     assert [finding.code for finding in explain([replace(_ideal(np.clip(u, -3.0, 3.0), 0.035), u=u)])] == [
         "gain-falls"
     ]
+
+
+def test_a_limit_in_a_speed_that_was_cut_into_files_is_explained_as_in_one() -> None:
+    """Each record's speed counted from its own first value, so that no equation held for several of them."""
+    u = np.repeat(np.random.default_rng(5).choice([1.0, 4.0, 7.0, 10.0], 40), 50)
+    whole = _ideal(np.clip(u, -5.0, 5.0), 0.01)
+    data = replace(whole, u=u, y=np.gradient(whole.y, 0.01), kind="speed", output_unit="rad/s")
+    slow, fast = (np.flatnonzero(u[49::50] == level) * 50 + 45 for level in (1.0, 10.0))
+    begins = np.sort([slow[0], fast[len(fast) // 2]])
+    parts = [
+        replace(
+            data,
+            t_input=data.t_input[a:b],
+            u=u[a:b],
+            t_output=data.t_output[a:b],
+            y=data.y[a:b],
+            input_before=u[a],
+        )
+        for a, b in pairwise([*begins.tolist(), len(u)])
+    ]
+
+    assert np.ptp([part.y[0] for part in parts]) > 50.0
+    assert [finding.code for finding in explain([data])] == ["gain-falls"]
+    assert [finding.code for finding in explain(parts)] == ["gain-falls"]

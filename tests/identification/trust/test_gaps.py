@@ -44,3 +44,12 @@ def test_an_input_that_is_logged_at_several_rates_has_no_gaps() -> None:
     rows = np.cumsum([*[30] * 40, *[500] * 7])
 
     assert codes(at(rows, 0.002 * rows)) <= {"time-uneven"}
+
+
+def test_an_input_that_changes_once_has_hardly_changed_there_and_back_in_a_short_gap() -> None:
+    """A step at row 30 of 300, and 15 rows that are missing long after it."""
+    rows = np.delete(np.arange(300), np.arange(200, 215))
+    step = replace(at(rows, 0.01 * rows), u=np.where(rows < 30, 30.0, 100.0))
+
+    assert "gap-input-unknown" not in codes(step)
+    assert "gap-input-unknown" in codes(replace(step, u=np.where(rows < 210, 30.0, 100.0)))

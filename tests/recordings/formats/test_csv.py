@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -76,8 +77,8 @@ def test_a_row_of_units_below_the_header_is_no_row_of_numbers(unit_row: str, tmp
 
 
 def test_units_stand_in_the_header_in_many_ways(tmp_path: Path) -> None:
-    header = 'Time (ms),"speed, filtered [rad/s]",u / V,y in deg,x_mm,theta_deg,i [foo],gain [-]'
-    recording = loaded(tmp_path, f"{header}\n0,1,2,3,4,5,6,7\n1,1,2,3,4,5,6,7\n")
+    header = 'Time (ms),"speed, filtered [rad/s]",u / V,y in deg,x_mm,theta_deg,i [foo],gain [-],control_pct'
+    recording = loaded(tmp_path, f"{header}\n0,1,2,3,4,5,6,7,8\n1,1,2,3,4,5,6,7,8\n")
 
     assert units(recording) == {
         "Time": "ms",
@@ -88,9 +89,46 @@ def test_units_stand_in_the_header_in_many_ways(tmp_path: Path) -> None:
         "theta_deg": "deg",
         "i [foo]": None,
         "gain": "1",
+        "control_pct": "%",
     }
     assert recording["u"].t is not None
     assert recording["u"].t.tolist() == [0.0, 0.001]
+
+
+@pytest.mark.parametrize("entry", ["% 1 \t{}", "# column 1: {}", "% 0) {}"])
+def test_comments_that_number_the_columns_name_them(entry: str, tmp_path: Path) -> None:
+    """Four words of a comment had become the names of four columns, and the speed was the `voltage`."""
+    names = [
+        "Time (sec)",
+        "Reference for left motor (m/s)",
+        "Measured velocity (m/s)",
+        "Motor voltage output (V)",
+    ]
+    first = int(re.search(r"\d", entry)[0])  # type: ignore[index]
+    lines = [entry.replace(str(first), str(first + k)).format(name) for k, name in enumerate(names)]
+    text = "\n".join(
+        [
+            "% Log of motor 1",
+            *lines,
+            "% PID parameters",
+            "%  Kp = 7",
+            *(f"{t} 0 0.1 -1.5" for t in (0.0, 0.1)),
+        ]
+    )
+
+    recording = loaded(tmp_path, f"{text}\n")
+
+    assert units(recording) == {
+        "Time": "sec", "Reference for left motor": "m/s", "Measured velocity": "m/s", "Motor voltage output": "V"
+    }  # fmt: skip
+    assert columns(recording)["Motor voltage output"] == [-1.5, -1.5]
+    assert "header-in-comment" in codes(recording.findings)
+
+
+def test_a_numbered_comment_among_too_few_names_no_column(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "% 4 Motor voltage output (V)\n0.0 0 0.1 -1.5\n0.1 0 0.1 -1.5\n")
+
+    assert list(columns(recording)) == ["column_1", "column_2", "column_3", "column_4"]
 
 
 def test_without_a_header_columns_are_numbered_and_a_finding_says_so(tmp_path: Path) -> None:

@@ -234,6 +234,26 @@ def test_a_goal_is_reported_from_what_drives_the_motor() -> None:
     assert "`target_speed` is, by its name, what a loop follows" in asked[0]
 
 
+@pytest.mark.parametrize("name", ["ref", "ref_m_s", "target_speed", "Reference for left motor", "setpoint"])
+def test_a_column_that_is_called_like_a_reference_is_asked_about(name: str) -> None:
+    recording = made("u", "y", name, u="V", y="rad/s")
+
+    (question,) = (each for each in assign(recording).findings if each.code == "reference-possible")
+
+    assert f"`{name}` is, by its name, what a loop follows" in question.sentence
+    assert question.severity is Severity.INFO
+    said = assign(recording, reference=f"{name}:rad/s")
+    assert said.reference == name
+    assert "reference-possible" not in codes(said.findings)
+
+
+@pytest.mark.parametrize("name", ["r_wheel", "desired_current", "target_pwm", "reflex", "battery"])
+def test_another_column_is_not_asked_about_as_a_reference(name: str) -> None:
+    recording = made("u", "y", name, u="V", y="rad/s")
+
+    assert "reference-possible" not in codes(assign(recording).findings)
+
+
 def test_what_was_commanded_and_what_was_applied_are_not_two_motors() -> None:
     asked = missing(made("command_voltage", "applied_voltage", "y", y="rad"))
     sides = missing(made("left_voltage", "right_voltage", "y", left_voltage="V", right_voltage="V", y="rad"))

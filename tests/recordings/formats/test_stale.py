@@ -22,6 +22,16 @@ def test_a_sensor_that_is_asked_less_often_than_the_log_gets_rows_is_found(rows:
     assert f"about every {rows} rows ({5 * rows} ms)" in found.sentence("y", T)
 
 
+def test_the_age_is_in_the_time_that_uneven_rows_take_and_not_in_usual_steps() -> None:
+    """Rows 5 ms apart, but for every fourth, which comes 25 ms after the one before: 10 ms on average."""
+    found = stale(held(MOTION, 8))
+    assert found is not None
+
+    times = np.cumsum(np.where(np.arange(2000) % 4 == 0, 0.025, 0.005))
+
+    assert "about every 8 rows (80 ms)" in found.sentence("y", times)
+
+
 def test_a_coarse_encoder_is_not_stale() -> None:
     counts = np.floor(MOTION * 20)
     assert np.mean(np.diff(counts) != 0) < 0.5

@@ -55,6 +55,9 @@ _REST = "rest-found"
 _AS_GOOD = 1.1
 _LARGE = 10_000  # samples, of all records
 _NEARLY_ALL = 90.0  # % of the output
+_HIDDEN = (
+    0.05  # of the largest input: a friction whose standard deviation is larger may well be a tenth of it
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,6 +172,8 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
         return _Base(fit=with_friction, findings=(finding,), fits=fits)
     if shifts_parameters(with_friction, frictionless):
         return _Base(fit=with_friction, findings=(_friction_possible(gains),), fits=fits)
+    if _hides_friction(with_friction):
+        return _Base(fit=with_friction, findings=(_friction_hidden(),), fits=fits)
     sentence = "The data show no Coulomb friction: the model without it explains them equally well."
     return _Base(fit=frictionless, findings=(info("friction-not-found", sentence),), fits=fits)
 
@@ -184,7 +189,7 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     if fit.disturbance is None or rival is None:
         return base, fit
     if base.fit is rival:
-        vanished = fit.model["coulomb_voltage"] == 0
+        vanished = fit.model["coulomb_voltage"] == 0 and rival.model["coulomb_voltage"] > 0
         return (replace(base, findings=(_friction_vanished(),)) if vanished else base), fit
     with_friction = allow(rival)
     if with_friction.disturbance is None:
@@ -218,6 +223,20 @@ def _friction_possible(gains: str) -> Finding:
     sentence = (
         "These data don't show for certain whether there is Coulomb friction, but it can't be left out: without it the gain "
         f"would be {gains}, with too narrow an interval."
+    )
+    return info("friction-possible", sentence, parameters=("coulomb_voltage",))
+
+
+def _hides_friction(with_friction: Fit) -> bool:
+    """Whether a fit that ends without friction could have as much of it as motors have: what it takes looks like another gain."""
+    largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in with_friction.records)
+    return bool(with_friction.sd("coulomb_voltage") > _HIDDEN * largest)
+
+
+def _friction_hidden() -> Finding:
+    sentence = (
+        "These data can't tell Coulomb friction from a smaller gain, so it can't be left out: add a second level of the input in "
+        "one direction, from rest or down to it."
     )
     return info("friction-possible", sentence, parameters=("coulomb_voltage",))
 

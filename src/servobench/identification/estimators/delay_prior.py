@@ -50,6 +50,10 @@ _ROUNDED = 0.4  # of a count: residuals that are smaller are mostly rounding, wh
 _APART = 0.02  # of the prior's scale: delays that lie closer together are one
 _STARTS = 3  # of a search with a delay that is held
 _SHORTEST = 0.01  # s, of the prior's scale
+_AS_GOOD_AS_NONE, _NEARLY_ONE = (
+    0.1,
+    0.6,
+)  # of a sample time, the prior's middle: how a usual delay is put in words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,9 +211,10 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     """
     value = float(minimum.theta[prior.at])
     usual = abs(value - prior.middle) <= prior.scale
-    taken = "zero" if usual and value <= 0 else f"about {with_unit(value, 's', 2)}"
+    samples = value / prior.middle
+    taken = "zero" if usual and samples < _AS_GOOD_AS_NONE else f"about {with_unit(value, 's', 2)}"
     why = (
-        f"{'a sample time or so, ' if value > 0 else ''}as is usual where a computer drives the motor"
+        f"{_in_samples(samples)}as is usual where a computer drives the motor"
         if usual
         else "which fits best, though so long a delay is rare"
         if value > 0
@@ -227,6 +232,13 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
         f"{taken}, {why}, and the other intervals allow for that; to measure it, sample a step from rest faster.{check}",
         parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )
+
+
+def _in_samples(samples: float) -> str:
+    """The size of a usual delay in words, empty where there is as good as none."""
+    if samples < _AS_GOOD_AS_NONE:
+        return ""
+    return "a sample time or so, " if samples > _NEARLY_ONE else "a part of a sample time, "
 
 
 def is_in_several_places(fit: Fit) -> bool:

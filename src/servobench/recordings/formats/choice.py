@@ -275,6 +275,30 @@ def _varies(values: Array) -> bool:
     return bool(len(finite) and (finite != finite[0]).any())
 
 
+def about_reference(recording: Recording, used: Sequence[str]) -> list[Finding]:
+    """Return the question whether a column is what a loop followed, as its name says, and which isn't among those `used`."""
+    for each in recording.series:
+        name = each.channel.name
+        if _is_reference(name) and name not in used and has_numbers(each):
+            sentence = (
+                f"`{name}` is, by its name, what a loop follows. If a controller drove the motor, say "
+                f"`reference={_with_unit(recording, name)}`: then it is tested whether the data can tell the motor from it."
+            )
+            return [info("reference-possible", sentence, parameters=("gain", "time_constant"))]
+    return []
+
+
+def _is_reference(name: str) -> bool:
+    """Whether a name is a reference's, such as `target`, or begins like one of a position or speed, such as `ref_speed`."""
+    plain = plain_name(name)
+    first = plain.partition("_")[0]
+    return plain in REFERENCE_NAMES or (
+        first in {"ref", "reference", "setpoint", "target", "desired"}
+        and not _COMMAND.search(plain)
+        and "current" not in plain
+    )
+
+
 def _with_unit(recording: Recording, name: str) -> str:
     """A column as it has to be said, with a place for its unit where that isn't known, or is that of a time."""
     symbol = recording[name].channel.unit

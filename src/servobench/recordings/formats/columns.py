@@ -47,7 +47,8 @@ _ENDINGS = {
     "millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
     "ns": "ns", "nanos": "ns", "nanoseconds": "ns",
     "deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad", "counts": "counts", "rpm": "rpm",
-    "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "millivolts": "mV", "V": "V", "mV": "mV", "percent": "%", "%": "%",
+    "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "millivolts": "mV", "V": "V", "mV": "mV",
+    "percent": "%", "pct": "%", "%": "%",
     "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
     "rev_s": "rev/s", "rev_per_s": "rev/s", "counts_s": "counts/s", "counts_per_s": "counts/s", "m_per_s": "m/s",
 }  # fmt: skip

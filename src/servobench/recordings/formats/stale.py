@@ -23,7 +23,8 @@ class Stale:
 
     def sentence(self, name: str, t: Array | None) -> str:
         """Return this in words for the channel of that name, whose rows have the times t (N,) [s]."""
-        age = "" if t is None else f" ({1000 * self.hold * float(np.median(np.diff(t))):.0f} ms)"
+        # Of uneven rows the mean step, not the usual one: what is read at an even rate passes the long ones, too.
+        age = "" if t is None else f" ({1000 * self.hold * float(np.mean(np.diff(t))):.0f} ms)"
         return (
             f"`{name}` changes in {100 * self.share:.0f} % of the rows only, about every {self.hold:g} rows{age}: in "
             "the others the value is older than its row."

@@ -30,6 +30,7 @@ from servobench.recordings.formats.common_factor import about_factor, common_fac
 from servobench.recordings.formats.direction_words import about_direction, is_direction, signs_of
 from servobench.recordings.formats.framed_rows import rules, without_frames
 from servobench.recordings.formats.labelled_values import SEPARATOR, without_labels
+from servobench.recordings.formats.numbered_names import numbered_names
 from servobench.recordings.formats.start_and_increment import about_times, with_times
 from servobench.recordings.formats.thousands import GROUPED_DIGITS, about_thousands, has_mark, without_marks
 from servobench.recordings.formats.time_stamps import is_stamp, seconds_from_first
@@ -525,6 +526,13 @@ def _headings(
     header = _header(above, layout)
     findings: list[Finding] = []
     if not header and layout.columns > 1:
+        listed = numbered_names({r: text for r, text in lines.comments.items() if r < begin}, layout.columns)
+        if listed:
+            names = list(listed.values())
+            sentence = f"The names of the columns are taken from comments: {quote(names)}."
+            in_comments = info("header-in-comment", sentence, rows=(min(listed), max(listed)))
+            unused = _about_unused(above, layout, has_header=True)
+            return _with_units(names, []), [in_comments, *unused], frozenset(listed)
         header = _header([each for each in comments if _are_names(each.cells, layout)], layout)
         if header:
             sentence = f"The names of the columns are taken from a comment: {quote(header[0].cells)}."
@@ -543,8 +551,12 @@ def _names_in_comment(text: str, layout: Layout) -> list[str]:
     """The cells of a comment, which may separate the names of the columns in another way than the numbers are."""
     for separator in (layout.separator, *SEPARATORS):
         cells = _names_in(text, replace(layout, separator=separator))
-        # `t, u` between blanks would be a name with a comma.
-        if _are_names(cells, layout) and not any(cell.endswith((",", ";")) for cell in cells):
+        # `t, u` between blanks would be a name with a comma, and `4 motor voltage` is the fourth of several names.
+        if (
+            _are_names(cells, layout)
+            and not layout.is_number(cells[0])
+            and not any(cell.endswith((",", ";")) for cell in cells)
+        ):
             return cells
     return []
 

@@ -14,6 +14,7 @@ from servobench.recordings.formats.times import GAP, UNEVEN
 from servobench.recordings.measurement.dataset import Dataset
 
 _CHANGED = 0.05  # of the input's range: a smaller change over a gap doesn't matter
+_RARELY = 0.25  # changes to be expected in a gap: there and back again is two, in one gap in 30
 # What a run of ours says of itself: in ticks that were missed nothing was written, in rows that were lost something was.
 _HELD, _ROWS_LOST = "samples-missed", "rows-not-recorded"
 _BESIDE, _SEVERAL = 5, 3  # rows to either side of a gap, and gaps, that show how the output goes on
@@ -101,11 +102,15 @@ def _bursts(data: Dataset, gaps: NDArray[np.int64]) -> Finding:
 
 
 def _may_have_changed(u: Array, k: int, rows: int) -> bool:
-    """Whether the input is another one after the gap, or usually changes within so many rows."""
+    """Whether the input is another one after the gap, or usually changes within so many rows.
+
+    Where it changes a few times in all, it will hardly have changed in a gap and back again.
+    """
     least = _CHANGED * float(np.ptp(u))
     span = min(rows, len(u) // 2)
     usual = float(np.mean(np.abs(u[span:] - u[:-span])))
-    return bool(abs(u[k + 1] - u[k]) > least or usual > least)
+    often = np.count_nonzero(np.diff(u)) * rows > _RARELY * len(u)
+    return bool(abs(u[k + 1] - u[k]) > least or (often and usual > least))
 
 
 def _scatter_finding(data: Dataset) -> list[Finding]:

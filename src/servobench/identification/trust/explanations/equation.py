@@ -78,6 +78,11 @@ class Motion:
         return np.arange(first, len(self.t), every)
 
     @property
+    def first_speed(self) -> float:
+        """The speed that y counts from, which each record has its own of; 0 where y is a position."""
+        return float(self.data.y[0]) if self.data.kind == "speed" else 0.0
+
+    @property
     def base(self) -> tuple[Array, Array]:
         """The columns (R, 5) of τ, K, K d, K u_c and K u₀, and the speed (R,) that they make."""
         up = 1 if self.data.kind == "position" else 0
@@ -88,7 +93,7 @@ class Motion:
             -self.filter_through_chain(self.sense),
             -self.filter_through_chain(np.ones(len(self.t))),
         ]
-        return np.column_stack(columns), self.filter(self.y, up)
+        return np.column_stack(columns), self.filter(self.y, up) + self.first_speed
 
 
 def motion(data: Dataset) -> Motion | None:

@@ -101,7 +101,7 @@ def resonance_columns(m: Motion) -> tuple[Array, Array]:
         -behind(m.y, 3 + up),
         behind(u, 2),
     ]
-    return np.column_stack(columns), behind(m.y, up)
+    return np.column_stack(columns), behind(m.y, up) + m.first_speed
 
 
 EXPLANATIONS.member("resonance")(_resonance)
