@@ -30,7 +30,7 @@ from servobench.recordings.formats.common_factor import about_factor, common_fac
 from servobench.recordings.formats.direction_words import about_direction, is_direction, signs_of
 from servobench.recordings.formats.framed_rows import rules, without_frames
 from servobench.recordings.formats.labelled_values import SEPARATOR, without_labels
-from servobench.recordings.formats.numbered_names import numbered_names
+from servobench.recordings.formats.listed_columns import column_names
 from servobench.recordings.formats.start_and_increment import about_times, with_times
 from servobench.recordings.formats.thousands import GROUPED_DIGITS, about_thousands, has_mark, without_marks
 from servobench.recordings.formats.time_stamps import is_stamp, seconds_from_first
@@ -526,7 +526,7 @@ def _headings(
     header = _header(above, layout)
     findings: list[Finding] = []
     if not header and layout.columns > 1:
-        listed = numbered_names({r: text for r, text in lines.comments.items() if r < begin}, layout.columns)
+        listed = column_names({r: text for r, text in lines.comments.items() if r < begin}, layout.columns)
         if listed:
             names = list(listed.values())
             sentence = f"The names of the columns are taken from comments: {quote(names)}."

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 _ENTRY = re.compile(r"(?:col(?:umn)?\.? ?)?(\d{1,3}) ?[:.)=-]? +(\S.*)", re.IGNORECASE)
 
 
-def numbered_names(comments: Mapping[int, str], columns: int) -> dict[int, str]:
+def column_names(comments: Mapping[int, str], columns: int) -> dict[int, str]:
     """Return the names of so many columns by the rows of the comments that list them, in order; none where none do.
 
     The numbers run from 1 to that of the columns, or from 0 to one below. `comments` are the texts by row, without their marks.
