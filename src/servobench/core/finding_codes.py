@@ -433,6 +433,7 @@ _TABLE = (
         "Use first_order_coulomb.", Role.SYMPTOM),
     FindingCode("structure-wrong", "The structure can't explain data that have hardly any noise.", "Use another structure."),
     FindingCode("supply-applied", "The input was multiplied by the measured supply voltage."),
+    FindingCode("supply-possible", "A column may be the amplifier's supply voltage.", "Give it as the supply if it is."),
     FindingCode("supply-voltage", "The file states the supply voltage."),
     FindingCode("swing-small", "The output swings by only a few of the sensor's steps.", "Use a larger input."),
     FindingCode("table-static", "The rows look like a table of steady values, not like a recording.",

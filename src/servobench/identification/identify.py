@@ -285,6 +285,9 @@ def _judge(
     allow = allow_for_disturbance if estimator == "auto" else as_it_is
     choice = choose_structure(method, records, structure, estimator, allow)
     fit = choice.fit if choice.computed else _with_allowances(choice, method, records, estimator, allow)
+    while choice.below is not None and choice.loses(fit):
+        choice = choice.below
+        fit = _with_allowances(choice, method, records, estimator, allow)
     statuses, combined = parameter_statuses(fit), combinations(fit)
     fit = widen_for_single_level(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)

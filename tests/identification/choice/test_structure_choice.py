@@ -12,12 +12,17 @@ from scipy import signal
 from servobench import PRBS, Experiment, measure, run
 from servobench.core.errors import UsageError
 from servobench.core.finding import Verdict
+from servobench.identification import identify as identify_module
+from servobench.identification.choice.noise_choice import allow_for_disturbance
 from servobench.identification.choice.structure_choice import _candidate_terms, choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.prediction_error import PredictionError, disturbance_test
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.result import Result
+from servobench.identification.uncertainty.identifiability import State
+from servobench.recordings.measurement.dataset import Dataset
 from servobench.rig.devices.twin import Twin, TwinSettings
 from tests.contracts.finding_examples.base import with_values
 from tests.datasets import dataset
@@ -347,3 +352,64 @@ def test_friction_that_a_random_torque_leaves_nothing_of_is_not_said_to_be_neede
 
     assert choice.fit.structure == "first_order_coulomb"
     assert next(each.code for each in choice.findings if "friction" in each.code) == code
+
+
+def slow_friction(seed: int, rows: int = 60) -> Dataset:
+    """A speed under four rising levels, whose friction falls from 1.27 V at rest to 0.77 V over 0.5 m/s; in motion all along."""
+    random = np.random.default_rng(seed)
+    u = np.repeat([1.6, 3.1, 4.5, 5.8], rows)
+    speed, now = np.empty(len(u)), 0.39
+    for k, level in enumerate(u.tolist()):
+        speed[k] = now
+        end = 0.49 * (level - 0.77 - 0.5 * np.exp(-now / 0.5))
+        now = end + (now - end) * np.exp(-0.025 / 0.2)
+    y = speed + 0.04 * random.standard_normal(len(u))
+    data = dataset(seed=1, samples=len(u), sample_time=0.025, u=u, y=y)
+    return replace(data, kind="speed", output_unit="m/s", quantum=None, input_before=1.6)
+
+
+def opened(fit: Fit, *names: str) -> Fit:
+    """The fit whose parameters of those names may be anything."""
+    at = [fit.model.names.index(name) for name in names if name in fit.model.names]
+    added = np.zeros_like(fit.covariance)
+    added[at, at] = np.square(10.0 * fit.model.theta[at])
+    return fit.widen(Contribution(source="test", covariance=added, reason="nothing is known"))
+
+
+SIZE = ("stribeck_voltage", "stribeck_speed")
+
+
+@pytest.mark.parametrize(
+    ("names", "lost"), [((), False), (SIZE, False), (("gain",), False), (("gain", *SIZE), True)]
+)
+def test_a_rung_is_lost_where_neither_its_size_nor_the_gain_is_known_in_the_end(
+    names: tuple[str, ...], lost: bool
+) -> None:
+    method = ESTIMATORS["output_error"]
+    choice = choose_structure(method, [slow_friction(1, rows=600)], "auto", "auto", allow_for_disturbance)
+
+    assert choice.fit.structure == "first_order_one_way_stribeck"
+    assert choice.below is not None
+    assert choice.below.fit.structure == "first_order_one_way"
+    assert choice.loses(opened(choice.fit, *names)) is lost
+    assert not choice.below.loses(opened(choice.below.fit, "gain"))
+
+
+def test_identification_goes_back_to_the_rung_below_a_lost_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A robot car's gain was unknown, as friction that falls with its speed explained 0.8 % more of the output."""
+    whole = identify_module.with_model_error
+
+    def wide_with_rung(fit: Fit, one_level: bool) -> Fit:
+        fit = whole(fit, one_level)
+        return opened(fit, "gain", *SIZE) if "stribeck_voltage" in fit.model.names else fit
+
+    kept = identify(slow_friction(1))
+    monkeypatch.setattr(identify_module, "with_model_error", wide_with_rung)
+    result = identify(slow_friction(1))
+
+    assert kept.fit is not None
+    assert kept.fit.structure == "first_order_one_way_stribeck"
+    assert result.fit is not None
+    assert result.fit.structure == "first_order_one_way"
+    assert result.answers["gain"].state is State.KNOWN
+    assert "stribeck-found" not in codes(result)

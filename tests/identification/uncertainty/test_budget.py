@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,8 @@ from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.models.base import STRUCTURES
-from servobench.identification.uncertainty.composition import MEASUREMENT, composition
+from servobench.identification.uncertainty.composition import MEASUREMENT, composition, parts_of
+from servobench.identification.uncertainty.identifiability import ParameterStatus, State
 from tests.datasets import dataset
 
 
@@ -37,8 +40,6 @@ def test_a_line_adds_its_variance_and_widens_the_interval() -> None:
 
 
 def test_an_interval_that_is_uneven_keeps_its_shape_and_grows_on_both_sides() -> None:
-    from dataclasses import replace
-
     value = fitted()["coulomb_voltage"].value
     fit = replace(fitted(), intervals={"coulomb_voltage": (value - 0.003, value + 0.004)})
     low, high = fit.widen(line(fit, "coulomb_voltage", 0.004 / TWO_SIDED))["coulomb_voltage"].interval
@@ -80,6 +81,22 @@ def test_the_shares_of_a_budget_add_up_to_the_whole_variance() -> None:
     assert half == pytest.approx(TWO_SIDED * fit["gain"].sd, rel=1e-4)
 
 
+@pytest.mark.parametrize("cut", [1.0, 0.4])
+def test_no_part_of_an_interval_is_larger_than_the_whole(cut: float) -> None:
+    """A time constant had an interval of ±48 %, cut where the speed settles, of which the noise model was ±101 %."""
+    fit = fitted()
+    fit = fit.widen(line(fit, "gain", 0.04)).widen(line(fit, "gain", 0.03, "cogging"))
+    value, half = fit["gain"].value, cut * TWO_SIDED * fit["gain"].sd
+    whole = replace(fit["gain"], interval=(value - half, value + half))
+    answer = ParameterStatus(name="gain", state=State.KNOWN, estimate=whole)
+
+    parts = parts_of(composition(fit), answer)
+
+    assert [each.source for _, each in parts][:2] == ["play", "cogging"]
+    assert np.hypot.reduce([width for width, _ in parts]) == pytest.approx(100 * half / value, rel=1e-3)
+    assert parts[0][0] == pytest.approx(4 / 3 * parts[1][0])
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_what_is_beyond_makes_no_direction_narrower_than_the_target(seed: int) -> None:
     """For any direction g: g'(already + beyond) g >= g' target g, and beyond alone is a covariance."""
@@ -112,8 +129,6 @@ def test_a_combination_that_is_known_stays_known_beside_an_unknown_difference() 
 
 
 def test_a_line_that_is_taken_away_leaves_what_was_before() -> None:
-    from dataclasses import replace
-
     value = fitted()["coulomb_voltage"].value
     fit = replace(fitted(), intervals={"coulomb_voltage": (value - 0.003, value + 0.004)})
     back = fit.widen(line(fit, "coulomb_voltage", 0.004)).without("play")

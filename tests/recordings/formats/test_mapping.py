@@ -254,6 +254,17 @@ def test_another_column_is_not_asked_about_as_a_reference(name: str) -> None:
     assert "reference-possible" not in codes(assign(recording).findings)
 
 
+def test_a_column_that_may_be_the_supply_of_a_duty_is_asked_about() -> None:
+    recording = made("duty", "speed", "battery_V", duty="%", speed="rad/s", battery_V="V")
+
+    (question,) = (each for each in assign(recording).findings if each.code == "supply-possible")
+
+    assert "say `supply=battery_V`" in question.sentence
+    assert "supply-possible" not in codes(assign(recording, supply="battery_V").findings)
+    in_volts = made("u", "speed", "battery_V", u="V", speed="rad/s", battery_V="V")
+    assert "supply-possible" not in codes(assign(in_volts).findings)
+
+
 def test_what_was_commanded_and_what_was_applied_are_not_two_motors() -> None:
     asked = missing(made("command_voltage", "applied_voltage", "y", y="rad"))
     sides = missing(made("left_voltage", "right_voltage", "y", left_voltage="V", right_voltage="V", y="rad"))

@@ -30,7 +30,7 @@ from servobench.identification.choice.structure_ladder.comparison import (
     shifts_parameters,
 )
 from servobench.identification.choice.structure_ladder.sentences import rung_finding, stop_finding
-from servobench.identification.choice.structure_ladder.trial import Rung, try_rung, with_added_term
+from servobench.identification.choice.structure_ladder.trial import Rung, amount, try_rung, with_added_term
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.models.base import STRUCTURES, Structure
@@ -55,6 +55,7 @@ _REST = "rest-found"
 _AS_GOOD = 1.1
 _LARGE = 10_000  # samples, of all records
 _NEARLY_ALL = 90.0  # % of the output
+_KNOWN = 0.5  # of its value: a gain whose interval is wider isn't known
 _HIDDEN = (
     0.05  # of the largest input: a friction whose standard deviation is larger may well be a tenth of it
 )
@@ -65,7 +66,8 @@ class Choice:
     """The fit of the structure that was chosen, `findings` that say why, and what of terms the score tests have `shown` in it.
 
     `causes` are what may be wrong with the records, as far as that has been looked into. `computed` says that the output has no
-    noise at all, so that there is nothing to allow for.
+    noise at all, so that there is nothing to allow for. `term` is the last rung that was climbed, if any, and `below` the choice
+    without it.
     """
 
     fit: Fit
@@ -73,6 +75,20 @@ class Choice:
     computed: bool = False
     shown: tuple[TermScore, ...] = ()
     findings: tuple[Finding, ...] = ()
+    term: str = ""
+    below: Choice | None = None
+
+    def loses(self, widened: Fit) -> bool:
+        """Return whether neither the last rung's size nor the gain are known once all that widens the intervals is in a fit.
+
+        A rung is climbed by what is known before that. One that turns out to be open, and to leave the gain open as well, stands
+        for something else that the model lacks.
+        """
+        if self.below is None or "gain" not in widened.model.names:
+            return False
+        value, sd = amount(self.term, widened)
+        gain = widened["gain"]
+        return not sd < 0.5 * value and not gain.half_width < _KNOWN * abs(gain.value)
 
     @cached_property
     def terms(self) -> tuple[TermScore, ...]:
@@ -324,6 +340,7 @@ def _climb(
         )  # the data determine nothing more about its friction
     if _candidate_terms(shown, fit) and _is_damaged(causes, fit):
         return Choice(fit=fit, causes=causes, shown=shown, findings=findings)
+    term, below = "", None
     for _ in range(_RUNGS):
         terms = [
             t for t in _candidate_terms(shown, fit) if t not in refused and with_added_term(fit.structure, t)
@@ -333,13 +350,19 @@ def _climb(
         next_rung = next((rung for rung in rungs if not _note_refusal(rung, refused)), None)
         if next_rung is None:
             break
+        lost = replace(next_rung, doubt="neither its size nor the gain would be known")
+        stopped = stop_finding(fit, shown, {**refused, lost.term: lost})
+        below = Choice(
+            fit=fit, causes=causes, shown=shown, findings=(*findings, stopped), term=term, below=below
+        )
+        term = next_rung.term
         earlier = [f for f in findings if "coulomb" not in next_rung.term or f.code != "friction-not-found"]
         findings = (*earlier, rung_finding(next_rung, plain, fit))
         plain, fit = next_rung.plain, next_rung.fit
         shown = score_terms(fit)
     hidden = [rung.hidden for rung in refused.values() if rung.hidden]
     all_findings = (*findings, stop_finding(fit, shown, refused), *hidden)
-    return Choice(fit=fit, causes=causes, shown=shown, findings=all_findings)
+    return Choice(fit=fit, causes=causes, shown=shown, findings=all_findings, term=term, below=below)
 
 
 def _is_damaged(causes: Causes, fit: Fit) -> bool:

@@ -222,11 +222,12 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     )
     rare = abs(value - prior.middle) > _RARE * prior.scale
     check = ""
-    if value < 0 and not usual:
+    early = value < 0 and not usual
+    if early:
         check = " No motor moves before its input does: the model lacks something, or the columns are out of step."
     elif rare:
         check = " Check that the input is logged when it acts."
-    return (warning if rare else info)(
+    return (warning if rare or early else info)(
         CODE,
         f"These data can't separate the delay from friction and the time constant. The delay is assumed to be "
         f"{taken}, {why}, and the other intervals allow for that; to measure it, sample a step from rest faster.{check}",

@@ -48,13 +48,15 @@ def composition(fit: Fit) -> tuple[BudgetLine, ...]:
 def parts_of(budget: Sequence[BudgetLine], answer: ParameterStatus | None) -> list[tuple[float, BudgetLine]]:
     """Return the lines that widen the interval of one parameter, each with its half-width in percent of the value, widest first.
 
-    None for a parameter that isn't known by itself, or is zero.
+    None for a parameter that isn't known by itself, or is zero. Where the interval ends at what can be, and so is narrower than
+    all of its lines together, they are smaller by the same factor: no part is larger than the whole.
     """
     if answer is None or answer.state is not State.KNOWN or not answer.estimate.value:
         return []
-    name, percent = answer.name, 100 / abs(answer.estimate.value)
-    parts = [(percent * line.half_widths[name], line) for line in budget if name in line.half_widths]
-    return sorted(parts, key=lambda part: -part[0])
+    widths = [(line.half_widths[answer.name], line) for line in budget if answer.name in line.half_widths]
+    together = float(np.linalg.norm([width for width, _ in widths])) or 1.0
+    percent = 100 / abs(answer.estimate.value) * min(1.0, answer.estimate.half_width / together)
+    return sorted(((percent * width, line) for width, line in widths), key=lambda part: -part[0])
 
 
 def _line(

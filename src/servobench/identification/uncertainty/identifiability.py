@@ -18,8 +18,10 @@ from servobench.core.channels import Array
 from servobench.core.estimate import Estimate
 from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.level import single_level
 from servobench.identification.models.steady import SETTLED, longest_time_constant, speeds_by_level
 
+_SAMPLED = 10.0  # samples in a time constant: more wouldn't tell it any better
 _KNOWN = 0.5  # of the value: half-width of a 95 % interval up to which a parameter is known
 _TOGETHER = 0.5  # the same of a combination
 _BETTER = 3.0  # times: a combination known so much better is what the record tells
@@ -83,7 +85,9 @@ def parameter_statuses(fit: Fit) -> dict[str, ParameterStatus]:
     statuses = {name: _status(fit, name, estimate, known) for name, estimate in fit.estimates.items()}
     if not any(may_be_zero(statuses[name]) for name in ("gain", "loop_gain") if name in statuses):
         return statuses
-    return {name: replace(each, state=State.UNKNOWN, remedy=_remedy(name)) for name, each in statuses.items()}
+    return {
+        name: replace(each, state=State.UNKNOWN, remedy=_remedy(name, fit)) for name, each in statuses.items()
+    }
 
 
 def combinations(fit: Fit) -> tuple[Combination, ...]:
@@ -113,7 +117,11 @@ def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
     among = next((each.name for each in known.values() if name in each.parameters), "")
     if among and not _is_known(fit, name, estimate, among):
         return ParameterStatus(
-            name=name, state=State.COMBINATION, estimate=estimate, combination=among, remedy=_remedy(name)
+            name=name,
+            state=State.COMBINATION,
+            estimate=estimate,
+            combination=among,
+            remedy=_remedy(name, fit),
         )
     if _is_known(fit, name, estimate, among):
         return ParameterStatus(name=name, state=State.KNOWN, estimate=estimate)
@@ -125,7 +133,9 @@ def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
     if bounded and name == "time_constant":
         settles_within = longest_time_constant([record.data for record in fit.records])
         estimate = replace(estimate, interval=(low, min(high, max(settles_within, estimate.value))))
-    return ParameterStatus(name=name, state=state, estimate=estimate, remedy=_remedy(name), mirrored=mirrored)
+    return ParameterStatus(
+        name=name, state=state, estimate=estimate, remedy=_remedy(name, fit), mirrored=mirrored
+    )
 
 
 def may_be_zero(gain: ParameterStatus) -> bool:
@@ -174,11 +184,18 @@ def _relative(estimate: Estimate) -> float:
     return half / abs(estimate.value) if np.isfinite(half) and estimate.value else np.inf
 
 
-def _remedy(name: str) -> str:
+def _remedy(name: str, fit: Fit) -> str:
+    """What to record to learn a parameter, beyond what the records have: nobody is told to do what was done."""
+    records = [record.data for record in fit.records]
     if name in ("time_constant", "delay"):
-        return "steps that are sampled at least ten times in a time constant"
+        fast = max(record.sample_time for record in records)
+        resolved = "time_constant" in fit.model.names and fit.model["time_constant"] > _SAMPLED * fast
+        several = "several steps from rest, each until the speed settles"
+        return several if resolved else "steps that are sampled at least ten times in a time constant"
     if name == "gain" or name in _FRICTION:
-        return "a second level of the input or coasting"
+        one = single_level(records) is not None
+        several = "several levels of the input in one direction, each until the speed settles"
+        return "a second level of the input or coasting" if one else several
     return "an input that changes often, for longer"
 
 

@@ -288,6 +288,21 @@ def about_reference(recording: Recording, used: Sequence[str]) -> list[Finding]:
     return []
 
 
+def about_supply(recording: Recording, driven: Series) -> list[Finding]:
+    """Return the question whether a column is what feeds the amplifier, as its name says, where the input `driven` is a duty."""
+    if quantity_of(driven.channel.unit) != "duty":
+        return []
+    for each in recording.series:
+        name = each.channel.name
+        if may_be_supply(name) and name != driven.channel.name and has_numbers(each):
+            sentence = (
+                f"`{name}` may be what feeds the amplifier, by its name. If it is, say `supply={_with_unit(recording, name)}`: "
+                "the motor's voltage is the duty times that, and a battery that sags bends the characteristic of the duty."
+            )
+            return [info("supply-possible", sentence, parameters=("gain", "time_constant"))]
+    return []
+
+
 def _is_reference(name: str) -> bool:
     """Whether a name is a reference's, such as `target`, or begins like one of a position or speed, such as `ref_speed`."""
     plain = plain_name(name)

@@ -16,7 +16,7 @@ from servobench.core import toml
 from servobench.core.errors import MissingInformation, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
-from servobench.recordings.formats.choice import Choice, about_reference, choose, spec_of
+from servobench.recordings.formats.choice import Choice, about_reference, about_supply, choose, spec_of
 from servobench.recordings.formats.direction import missing_sign
 from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
 from servobench.recordings.formats.likely_units import about_input_unit
@@ -86,9 +86,10 @@ def assign(
         chain=chain.strip() or recording.chain,
         findings=(*before, *roles.findings, *about_samples),
     )
-    if result.reference is None:
-        used = [each.channel.name for each in roles.series.values()]
-        result = replace(result, findings=(*result.findings, *about_reference(recording, used)))
+    used = [each.channel.name for each in roles.series.values()]
+    questions = [] if result.reference is not None else about_reference(recording, used)
+    questions += [] if supply is not None else about_supply(recording, taken["input"])
+    result = replace(result, findings=(*result.findings, *questions))
     result = _with_unit_doubt(result, recording)
     if counts_per_rev is not None:
         result = _with_turn(result, counts_per_rev)
