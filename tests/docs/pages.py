@@ -22,7 +22,6 @@ FENCE = re.compile(r"^```(?P<language>[^\n]*)\n(?P<text>.*?)^```$", re.MULTILINE
 FILE = re.compile(r"`(?P<name>[\w./-]+\.\w+)`[^`]*:\s*\Z")
 RUN = {"sh", "python"}
 SHOWN = {"text", "toml", "markdown", "json", "c"}
-_END = "-- end of the cell --"
 LONGEST = 300  # seconds for one command; the first may compile
 
 
@@ -90,16 +89,6 @@ class Reader:
                 self.compare(block.text, where)
         return done
 
-    def open(self, notebook: Path) -> int:
-        """Run the cells of a notebook one after the other in one session; returns how many there are."""
-        cells, session = list(blocks(notebook)), ""
-        codes = [cell for cell in cells if cell.language == "python"]
-        for cell in codes:
-            session += f"{cell.text}\nprint({_END!r})\n"
-        self.run([sys.executable, "-W", "error", "-c", session], 0, notebook.name)
-        self.compare_cells(notebook, self.printed.split(f"{_END}\n"))
-        return len(codes)
-
     def compare_cells(self, notebook: Path, outputs: Sequence[str]) -> None:
         """Hold what a notebook shows against what its cells printed, one after the other."""
         printed = iter(outputs)
@@ -137,9 +126,7 @@ class Reader:
         self.run([*pip, "--target", str(self.folder / target), str(source)], 0, where)
 
     def run(self, words: list[str], expected: int, where: str) -> None:
-        if (
-            words[1] == "-W" or "pip" in words or (self.folder / "site").exists()
-        ):  # what a fork came too early for
+        if "pip" in words or (self.folder / "site").exists():  # what a fork came too early for
             done = subprocess.run(
                 words, cwd=self.folder, env=self.environment, capture_output=True, text=True, timeout=LONGEST
             )  # fmt: skip

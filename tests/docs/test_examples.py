@@ -30,9 +30,6 @@ LONG = {
 }
 """Pages of many runs, or of commands that start processes of their own; the tests of these commands show them with less."""
 
-IN_JUPYTER = {"notebooks/design.md"}
-"""Notebooks of many runs: tests/stories/test_data_at_hand.py runs each one in Jupyter, and holds it against what it shows."""
-
 
 def parameters(pages: list[Path]) -> list[Any]:
     """Pages as parameters, those of `LONG` for `make test-long`."""
@@ -47,11 +44,7 @@ def test_a_page_can_be_followed_as_it_is_printed(page: Path, tmp_path: Path) -> 
     assert Reader(tmp_path).follow(page) >= 1
 
 
-@pytest.mark.parametrize("page", parameters([page for page in NOTEBOOKS if named(page) not in IN_JUPYTER]))
-def test_a_notebook_runs_from_top_to_bottom_and_prints_what_it_shows(page: Path, tmp_path: Path) -> None:
-    assert Reader(tmp_path).open(page) >= 3
-
-
+# tests/stories/test_data_at_hand.py runs each one in Jupyter, and holds it against what it shows.
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=named)
 def test_a_notebook_opens_as_one_with_the_same_cells(page: Path) -> None:
     cells = [cell.source.strip() for cell in jupytext.read(page).cells if cell.cell_type == "code"]

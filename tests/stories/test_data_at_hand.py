@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tempfile
+from functools import cache
 from pathlib import Path
 
 import jupytext
@@ -118,42 +120,48 @@ def test_a_folder_becomes_a_table_in_which_a_bad_file_is_a_row(tmp_path: Path, p
             assert abs(float(row[1]) - GAIN) < 4 * float(row[2])
 
 
-NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.md"))
+NOTEBOOKS = {page.stem: page for page in sorted((ROOT / "docs" / "notebooks").glob("*.md"))}
+LONG = {"design"}
+"""Notebooks of many runs."""
+SHOWN = "arrays"
+"""The notebook whose result is looked at as a cell of its own."""
 
 
-def run_in_jupyter(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:
-    """The notebook with what its cells put out; raises what a cell raises."""
-    place = {"metadata": {"path": str(folder)}}
-    return NotebookClient(notebook, timeout=300, kernel_name="python3", resources=place).execute()
+@cache
+def outputs_in_jupyter(name: str) -> list[list[nbformat.NotebookNode]]:
+    """What each cell of a notebook puts out, of `SHOWN` also what a last one with its result does.
+
+    A cell that fails raises, and so does one that warns.
+    """
+    notebook = jupytext.read(NOTEBOOKS[name])
+    notebook.cells.insert(0, nbformat.v4.new_code_cell("import warnings\nwarnings.simplefilter('error')"))
+    if name == SHOWN:
+        notebook.cells.append(nbformat.v4.new_code_cell("result"))
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", "80")
+        place = {"metadata": {"path": folder}}
+        done = NotebookClient(notebook, timeout=300, kernel_name="python3", resources=place).execute()
+    _, *outputs = [cell.outputs for cell in done.cells if cell.cell_type == "code"]
+    return outputs
 
 
-def test_a_notebook_runs_in_a_kernel_of_jupyter_and_shows_a_table(tmp_path: Path) -> None:
-    notebook = jupytext.read(ROOT / "docs" / "notebooks" / "arrays.md")
-    notebook.cells.append(nbformat.v4.new_code_cell("result"))
+def test_jupyter_shows_a_result_as_a_table() -> None:
+    *_, (shown,) = outputs_in_jupyter(SHOWN)
 
-    done = run_in_jupyter(notebook, tmp_path)
-
-    (shown,) = done.cells[-1].outputs
     assert "<table" in shown["data"]["text/html"]
     assert "23.69" in shown["data"]["text/html"]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] if name in LONG else []) for name in NOTEBOOKS]
+)
 def test_every_notebook_runs_in_a_kernel_of_jupyter_and_prints_what_it_shows(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path
 ) -> None:
-    """A cell that fails raises, and so does one that warns."""
-    monkeypatch.setenv("COLUMNS", "80")
-    reader = Reader(tmp_path)
-    notebook = jupytext.read(page)
-    notebook.cells.insert(0, nbformat.v4.new_code_cell("import warnings\nwarnings.simplefilter('error')"))
-
-    done = run_in_jupyter(notebook, tmp_path)
-
-    _, *printed = [
-        "".join(output.text for output in cell.outputs if output.output_type == "stream")
-        for cell in done.cells
-        if cell.cell_type == "code"
+    printed = [
+        "".join(output.text for output in outputs if output.output_type == "stream")
+        for outputs in outputs_in_jupyter(name)
     ]
-    reader.compare_cells(page, printed)
+
+    assert len(printed) >= 3
+    Reader(tmp_path).compare_cells(NOTEBOOKS[name], printed)
