@@ -21,11 +21,11 @@ firmware:  ## build the firmware of the open rig with avr-gcc; firmware/build/ri
 demo-rig: $(INSTALLED)  ## the same with that firmware in simavr at a pseudo-terminal; needs Debian's packages of .ci/run
 	$(BIN)/python -m tests.rig.simavr.demo --overwrite --out "$(DEMO_OUT)-rig"
 
-test: $(INSTALLED)  ## run the tests, three files at a time, as many of them wait; ARGS='-k pattern' is passed on to pytest
-	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder $(ARGS)
+test: $(INSTALLED)  ## run the tests, four files at a time, as many of them wait; ARGS='-k pattern' is passed on to pytest
+	$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test-long: $(INSTALLED)  ## run what takes long and a test of `make test` shows in part: many runs, thousands of damaged files
-	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal -m long $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 4 --dist worksteal -m long $(ARGS)
 
 test-all:  ## run both in one go: what waits and what computes, short and long, in turns, and each file read once
 	$(MAKE) test ARGS='-m "long or not long" $(ARGS)'
