@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import Finding, info
-from servobench.core.rounding import plain, with_unit
+from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
@@ -22,8 +22,8 @@ def _local(fit: Fit) -> list[Finding]:
     if high - low >= 0.5 * largest:
         return []
     unit = fit.records[0].data.input_unit
-    ends = f"between {plain(low, 3)} and {plain(high, 3)} {unit}"
-    where = ends if plain(low, 3) != plain(high, 3) else f"at {plain(low, 3)} {unit}"
+    lowest, highest = with_unit(low, unit, 3), with_unit(high, unit, 3)
+    where = f"between {lowest} and {highest}" if lowest != highest else f"at {lowest}"
     return [
         info(
             "gain-local",
