@@ -251,8 +251,8 @@ def _hides_friction(with_friction: Fit) -> bool:
 
 def _friction_hidden() -> Finding:
     sentence = (
-        "These data can't tell Coulomb friction from a smaller gain, so it stays in the model. Record a second level of the input "
-        "in one direction: two speeds of one sense tell the two apart."
+        "These data can't tell Coulomb friction from a smaller gain, so it stays in the model. Record a second level of the "
+        "input in one direction: two speeds of one sense tell the two apart."
     )
     return info("friction-possible", sentence, parameters=("coulomb_voltage",))
 
