@@ -293,7 +293,7 @@ def _judge(
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *_causes(fit, nominal),
-        *_about_known([*choice.findings, *fit.findings], statuses),
+        *_about_known([*choice.restate(fit), *fit.findings], statuses),
         *about_answers(statuses, combined, fit),
         *_about_known(about_fit(fit, nominal_motor(nominal)), statuses),
         *about_winding(fit),

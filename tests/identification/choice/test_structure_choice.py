@@ -395,6 +395,21 @@ def test_a_rung_is_lost_where_neither_its_size_nor_the_gain_is_known_in_the_end(
     assert not choice.below.loses(opened(choice.below.fit, "gain"))
 
 
+def test_a_rung_whose_size_is_open_in_the_end_is_not_claimed() -> None:
+    """Gravity and friction by direction were said to act on motors whose table had zero in the intervals of both."""
+    choice = choose_structure(
+        ESTIMATORS["output_error"], [slow_friction(1, rows=600)], "auto", "auto", allow_for_disturbance
+    )
+
+    said, open_now = choice.restate(choice.fit), choice.restate(opened(choice.fit, *SIZE))
+
+    assert said == choice.findings
+    assert "stribeck-found" in {each.code for each in said}
+    changed = [each for each in open_now if each not in said]
+    assert [each.code for each in changed] == ["term-possible"]
+    assert len(open_now) == len(said)
+
+
 def test_identification_goes_back_to_the_rung_below_a_lost_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """A robot car's gain was unknown, as friction that falls with its speed explained 0.8 % more of the output."""
     whole = identify_module.with_model_error

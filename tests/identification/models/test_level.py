@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from servobench.identification.identify import identify
 from servobench.identification.models.level import single_level
+from servobench.identification.uncertainty.identifiability import State
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
@@ -56,3 +58,22 @@ def test_noise_of_a_measured_input_makes_no_second_level_and_its_slow_change_doe
     found = single_level([replace(record, u=u)])
 
     assert found == (None if level is None else pytest.approx(level, rel=0.02))
+
+
+def test_a_row_that_has_the_input_of_the_sample_before_is_no_motion_under_a_second_level() -> None:
+    """A logger that writes its input after it has acted, and zero as soon as that is off, gave a gain twice too large."""
+    u = np.tile(np.repeat([0.0, 90.0], 40), 3)
+    speed, now = np.zeros(len(u)), 0.0
+    for k, level in enumerate(u.tolist()):
+        now = 30.5 + (now - 30.5) * np.exp(-0.025 / 0.027) if level else 0.0
+        speed[k] = now
+    y = speed + np.where(u > 0, 0.3 * np.random.default_rng(4).standard_normal(len(u)), 0.0)
+    data = dataset(seed=1, samples=len(u), sample_time=0.025, u=u, y=y)
+    record = replace(data, kind="speed", output_unit="rad/s", quantum=None, input_unit="%")
+
+    result = identify(record)
+
+    assert single_level([record]) == pytest.approx(90.0)
+    assert result.answers["gain"].state is State.COMBINATION
+    (at_level,) = (each for each in result.combinations if each.name == "speed_at_level")
+    assert at_level.estimate.interval[0] < 30.5 < at_level.estimate.interval[1]

@@ -66,8 +66,8 @@ class Choice:
     """The fit of the structure that was chosen, `findings` that say why, and what of terms the score tests have `shown` in it.
 
     `causes` are what may be wrong with the records, as far as that has been looked into. `computed` says that the output has no
-    noise at all, so that there is nothing to allow for. `term` is the last rung that was climbed, if any, and `below` the choice
-    without it.
+    noise at all, so that there is nothing to allow for. `plain` is the fit before anything is allowed for; `rung` is the last one
+    that was climbed, if any, and `below` the choice without it.
     """
 
     fit: Fit
@@ -75,7 +75,8 @@ class Choice:
     computed: bool = False
     shown: tuple[TermScore, ...] = ()
     findings: tuple[Finding, ...] = ()
-    term: str = ""
+    plain: Fit | None = None
+    rung: Rung | None = None
     below: Choice | None = None
 
     def loses(self, widened: Fit) -> bool:
@@ -84,11 +85,22 @@ class Choice:
         A rung is climbed by what is known before that. One that turns out to be open, and to leave the gain open as well, stands
         for something else that the model lacks.
         """
-        if self.below is None or "gain" not in widened.model.names:
+        if self.rung is None or "gain" not in widened.model.names:
             return False
-        value, sd = amount(self.term, widened)
+        value, sd = amount(self.rung.term, widened)
         gain = widened["gain"]
         return not sd < 0.5 * value and not gain.half_width < _KNOWN * abs(gain.value)
+
+    def restate(self, widened: Fit) -> tuple[Finding, ...]:
+        """Return the findings, in which the last rung is as sure as it is once all that widens the intervals is in a fit."""
+        below = self.below
+        if self.rung is None or below is None or below.plain is None:
+            return self.findings
+        before, now = (
+            rung_finding(each, below.plain, below.fit)
+            for each in (self.rung, replace(self.rung, fit=widened))
+        )
+        return tuple(now if each == before else each for each in self.findings)
 
     @cached_property
     def terms(self) -> tuple[TermScore, ...]:
@@ -340,7 +352,7 @@ def _climb(
         )  # the data determine nothing more about its friction
     if _candidate_terms(shown, fit) and _is_damaged(causes, fit):
         return Choice(fit=fit, causes=causes, shown=shown, findings=findings)
-    term, below = "", None
+    rung, below = None, None
     for _ in range(_RUNGS):
         terms = [
             t for t in _candidate_terms(shown, fit) if t not in refused and with_added_term(fit.structure, t)
@@ -353,16 +365,24 @@ def _climb(
         lost = replace(next_rung, doubt="neither its size nor the gain would be known")
         stopped = stop_finding(fit, shown, {**refused, lost.term: lost})
         below = Choice(
-            fit=fit, causes=causes, shown=shown, findings=(*findings, stopped), term=term, below=below
+            fit=fit,
+            causes=causes,
+            shown=shown,
+            findings=(*findings, stopped),
+            plain=plain,
+            rung=rung,
+            below=below,
         )
-        term = next_rung.term
+        rung = next_rung
         earlier = [f for f in findings if "coulomb" not in next_rung.term or f.code != "friction-not-found"]
         findings = (*earlier, rung_finding(next_rung, plain, fit))
         plain, fit = next_rung.plain, next_rung.fit
         shown = score_terms(fit)
     hidden = [rung.hidden for rung in refused.values() if rung.hidden]
     all_findings = (*findings, stop_finding(fit, shown, refused), *hidden)
-    return Choice(fit=fit, causes=causes, shown=shown, findings=all_findings, term=term, below=below)
+    return Choice(
+        fit=fit, causes=causes, shown=shown, findings=all_findings, plain=plain, rung=rung, below=below
+    )
 
 
 def _is_damaged(causes: Causes, fit: Fit) -> bool:

@@ -62,7 +62,10 @@ def _while_moving(record: Dataset, clear: bool) -> Array:
     moves = speed > least
     if clear:
         moves &= _beyond_noise(record, least)
-    return np.asarray(record.input_at_output[moves], dtype=np.float64)
+    u = record.input_at_output
+    # A log whose rows have the input of the sample before, or the one after, shows a motion under two levels where one acted.
+    lasts = np.abs(np.diff(u, append=u[-1])) <= _NOISY * float(np.abs(u).max(initial=0.0))
+    return np.asarray(u[moves & lasts], dtype=np.float64)
 
 
 def _beyond_noise(record: Dataset, speed: float) -> NDArray[np.bool_]:

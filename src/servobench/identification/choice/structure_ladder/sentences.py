@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import change_text, with_unit
 from servobench.core.rounding import plain as number
-from servobench.identification.choice.structure_ladder.trial import TERMS, Rung, amount
+from servobench.identification.choice.structure_ladder.trial import TERMS, Rung, is_certain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.chain_unknown import is_unknown
 from servobench.identification.trust.validation import explains_the_colour
@@ -34,6 +36,13 @@ _SAYS = {
 }
 _MEASURED = "There is a second lag, that of the winding or of a filter on the speed"
 """In place of the winding's inductance where it isn't known how a speed was measured."""
+_TURNS = 4.0 * np.pi  # rad: an arm or a pendulum seldom goes round twice
+_COMES_ROUND = {
+    "gravity": "A torque comes round with the shaft, as an eccentric load makes it, an arm or a pendulum",
+    "coulomb_gravity": "A torque comes round with the shaft, as an eccentric load makes it, an arm or a pendulum, and there is "
+    "Coulomb friction",
+}
+"""In place of gravity where the shaft goes round."""
 
 
 def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
@@ -43,20 +52,23 @@ def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
     """
     new = [n for n in rung.fit.model.names if n not in fit.model.names]
     sizes = ", ".join(f"{parameter_in_words(n, rung.fit[n].unit)} {_size(rung.fit, n)}" for n in new)
-    value, sd = amount(rung.term, rung.fit)
-    if not sd < 0.5 * value:
+    if not is_certain(rung.term, rung.fit):
         sentence = (
             f"The data don't show for certain whether there is {TERMS[rung.term]} ({sizes}), but leaving it out "
             f"would make the other intervals too narrow. {_benefit_text(rung, plain, fit)}"
         )
         return info("term-possible", sentence, parameters=tuple(new))
-    says = (
-        _MEASURED
-        if rung.term == "winding" and any(is_unknown(each.data) for each in fit.records)
-        else _SAYS[rung.term]
-    )
-    sentence = f"{says}: {sizes}. {_benefit_text(rung, plain, fit)}"
+    sentence = f"{_statement(rung.term, fit)}: {sizes}. {_benefit_text(rung, plain, fit)}"
     return info(_CODES[rung.term], sentence, parameters=tuple(new))
+
+
+def _statement(term: str, fit: Fit) -> str:
+    """What a rung says of the motor, by what the records of a fit have of it."""
+    if term == "winding" and any(is_unknown(each.data) for each in fit.records):
+        return _MEASURED
+    if "gravity" in term and all(np.ptp(each.data.y) > _TURNS for each in fit.records):
+        return _COMES_ROUND[term]
+    return _SAYS[term]
 
 
 def _benefit_text(rung: Rung, plain: Fit, fit: Fit) -> str:

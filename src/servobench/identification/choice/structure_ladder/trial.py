@@ -23,6 +23,7 @@ from servobench.identification.trust.winding import about_winding
 from servobench.identification.uncertainty.score_test import LIMIT
 from servobench.recordings.measurement.dataset import Dataset
 
+_TWO_COMPONENTS = 2.448  # standard deviations: √χ² of two degrees of freedom that chance exceeds in 5 of 100
 _CHANCE = 0.05  # of the runs without a term, in which it seems likely enough to be worth a word
 _WITH_WINDING = {
     "first_order": "second_order",
@@ -203,6 +204,12 @@ def _at_the_edge(richer: Fit, plain: Fit) -> bool:
     old = set(plain.model.names)
     zero = {name for name in old if name in richer.model.names and richer.model[name] == 0}
     return bool(at_edge[0] - at_edge[1] - zero)
+
+
+def is_certain(term: str, fit: Fit) -> bool:
+    """Return whether a term's size differs from zero at 95 %: by χ² of as many components as it has."""
+    value, sd = amount(term, fit)
+    return sd * (_TWO_COMPONENTS if "gravity" in term else 2.0) < value
 
 
 def amount(term: str, fit: Fit) -> tuple[float, float]:
