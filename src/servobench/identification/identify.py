@@ -26,6 +26,7 @@ from servobench.identification.choice.records_apart import widen_for_disagreemen
 from servobench.identification.choice.restored_counts import with_counts_restored
 from servobench.identification.choice.structure_choice import Choice, choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
+from servobench.identification.estimators.sizes import WEAK, friction_spread
 from servobench.identification.estimators.unseen_torque import with_unseen_torque
 from servobench.identification.models.common_parameters import TIME_CONSTANT
 from servobench.identification.models.level import single_level
@@ -74,7 +75,7 @@ from servobench.identification.uncertainty.small_departures import with_small_de
 from servobench.identification.uncertainty.static_friction import with_static_friction
 from servobench.identification.uncertainty.status_findings import about_answers
 from servobench.identification.uncertainty.unresolved_time_constant import with_unresolved_time_constant
-from servobench.identification.uncertainty.weak_priors import is_friction_open, with_weak_priors
+from servobench.identification.uncertainty.weak_priors import with_weak_priors
 from servobench.recordings.evidence import Evidence
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.shared_samples import share_samples
@@ -354,7 +355,8 @@ def _with_allowances(
     """The fit with all the lines of its budget: what the data and experience say that a model may be wrong by."""
     fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
     one_level = single_level(records) is not None
-    fit = with_weak_priors(fit) if one_level or is_friction_open(fit) else fit
+    # Any gain with its own friction makes the motion of a motor that ran under one level in a direction.
+    fit = with_weak_priors(fit) if one_level or friction_spread(fit) > WEAK else fit
     fit = widen_for_disagreement(
         with_small_departures(
             with_static_friction(with_friction_near_rest(with_one_lag(with_friction_range(fit))))

@@ -30,9 +30,15 @@ from servobench.identification.choice.structure_ladder.comparison import (
     shifts_parameters,
 )
 from servobench.identification.choice.structure_ladder.sentences import rung_finding, stop_finding
-from servobench.identification.choice.structure_ladder.trial import Rung, amount, try_rung, with_added_term
+from servobench.identification.choice.structure_ladder.trial import (
+    Rung,
+    is_certain,
+    try_rung,
+    with_added_term,
+)
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import is_usual
+from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
 from servobench.identification.models.level import single_level
@@ -43,7 +49,7 @@ from servobench.identification.trust.doubts.spikes import had_spikes
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import beside_torque, score_terms
 from servobench.identification.trust.validation import explains_the_colour, is_rounding
-from servobench.identification.uncertainty.identifiability import drive_level
+from servobench.identification.uncertainty.identifiability import drive_level, is_known
 from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -55,10 +61,7 @@ _REST = "rest-found"
 _AS_GOOD = 1.1
 _LARGE = 10_000  # samples, of all records
 _NEARLY_ALL = 90.0  # % of the output
-_KNOWN = 0.5  # of its value: a gain whose interval is wider isn't known
-_HIDDEN = (
-    0.05  # of the largest input: a friction whose standard deviation is larger may well be a tenth of it
-)
+_HIDDEN = 0.05  # of the largest input: with a larger standard deviation, friction may well be a tenth of it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,11 +74,11 @@ class Choice:
     """
 
     fit: Fit
+    plain: Fit
     causes: Causes
     computed: bool = False
     shown: tuple[TermScore, ...] = ()
     findings: tuple[Finding, ...] = ()
-    plain: Fit | None = None
     rung: Rung | None = None
     below: Choice | None = None
 
@@ -87,19 +90,14 @@ class Choice:
         """
         if self.rung is None or "gain" not in widened.model.names:
             return False
-        value, sd = amount(self.rung.term, widened)
-        gain = widened["gain"]
-        return not sd < 0.5 * value and not gain.half_width < _KNOWN * abs(gain.value)
+        return not is_certain(self.rung.term, widened) and not is_known(widened["gain"])
 
     def restate(self, widened: Fit) -> tuple[Finding, ...]:
         """Return the findings, in which the last rung is as sure as it is once all that widens the intervals is in a fit."""
-        below = self.below
-        if self.rung is None or below is None or below.plain is None:
+        if self.rung is None or self.below is None:
             return self.findings
-        before, now = (
-            rung_finding(each, below.plain, below.fit)
-            for each in (self.rung, replace(self.rung, fit=widened))
-        )
+        below, in_the_end = self.below, replace(self.rung, fit=widened)
+        before, now = (rung_finding(each, below.plain, below.fit) for each in (self.rung, in_the_end))
         return tuple(now if each == before else each for each in self.findings)
 
     @cached_property
@@ -135,6 +133,7 @@ def choose_structure(
         fit = allow(simple)
         return Choice(
             fit=fit,
+            plain=simple,
             causes=Causes(tuple(data)),
             shown=score_terms(fit),
             findings=_friction_left_out(method, data, simple),
@@ -142,7 +141,13 @@ def choose_structure(
     base = _base(method, data)
     computed = fit_to_computed(method, data, base.fit)
     if computed is not None:
-        return Choice(fit=computed, causes=Causes(tuple(data)), findings=(about_computed(),), computed=True)
+        return Choice(
+            fit=computed,
+            plain=computed,
+            causes=Causes(tuple(data)),
+            findings=(about_computed(),),
+            computed=True,
+        )
     known = base.fits if method is ESTIMATORS["output_error"] else {}
     return _climb(method, data, base, Causes(tuple(data), known), allow)
 
@@ -257,14 +262,13 @@ def _friction_possible(gains: str) -> Finding:
 
 def _hides_friction(with_friction: Fit) -> bool:
     """Whether a fit that ends without friction could have as much of it as motors have: what it takes looks like another gain."""
-    largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in with_friction.records)
-    return bool(with_friction.sd("coulomb_voltage") > _HIDDEN * largest)
+    return friction_spread(with_friction) > _HIDDEN
 
 
 def _friction_hidden() -> Finding:
     sentence = (
         "These data can't tell Coulomb friction from a smaller gain, so it stays in the model. Record a second level of the "
-        "input in one direction: two speeds of one sense tell the two apart."
+        "input in one direction: two speeds in the same direction tell them apart."
     )
     return info("friction-possible", sentence, parameters=("coulomb_voltage",))
 
@@ -343,45 +347,44 @@ def _climb(
 ) -> Choice:
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
     base, fit = _allow_with_friction(base, allow)
-    plain, refused = base.fit, dict[str, Rung]()
-    findings = base.findings
-    shown = score_terms(fit)
-    if any(finding.code == _REST for finding in findings):
-        return Choice(
-            fit=fit, causes=causes, shown=shown, findings=findings
-        )  # the data determine nothing more about its friction
+    shown, refused = score_terms(fit), dict[str, Rung]()
+    here = Choice(fit=fit, plain=base.fit, causes=causes, shown=shown, findings=base.findings)
+    if any(finding.code == _REST for finding in base.findings):
+        return here  # the data determine nothing more about its friction
     if _candidate_terms(shown, fit) and _is_damaged(causes, fit):
-        return Choice(fit=fit, causes=causes, shown=shown, findings=findings)
-    rung, below = None, None
+        return here
     for _ in range(_RUNGS):
         terms = [
-            t for t in _candidate_terms(shown, fit) if t not in refused and with_added_term(fit.structure, t)
+            term
+            for term in _candidate_terms(here.shown, here.fit)
+            if term not in refused and with_added_term(here.fit.structure, term)
         ]
-        significant = _significant_terms(shown)
-        rungs = (try_rung(method, data, plain, fit, term, term in significant, allow) for term in terms)
-        next_rung = next((rung for rung in rungs if not _note_refusal(rung, refused)), None)
-        if next_rung is None:
-            break
-        lost = replace(next_rung, doubt="neither its size nor the gain would be known")
-        stopped = stop_finding(fit, shown, {**refused, lost.term: lost})
-        below = Choice(
-            fit=fit,
-            causes=causes,
-            shown=shown,
-            findings=(*findings, stopped),
-            plain=plain,
-            rung=rung,
-            below=below,
+        significant = _significant_terms(here.shown)
+        rungs = (
+            try_rung(method, data, here.plain, here.fit, term, term in significant, allow) for term in terms
         )
-        rung = next_rung
-        earlier = [f for f in findings if "coulomb" not in next_rung.term or f.code != "friction-not-found"]
-        findings = (*earlier, rung_finding(next_rung, plain, fit))
-        plain, fit = next_rung.plain, next_rung.fit
-        shown = score_terms(fit)
-    hidden = [rung.hidden for rung in refused.values() if rung.hidden]
-    all_findings = (*findings, stop_finding(fit, shown, refused), *hidden)
-    return Choice(
-        fit=fit, causes=causes, shown=shown, findings=all_findings, plain=plain, rung=rung, below=below
+        rung = next((each for each in rungs if not _note_refusal(each, refused)), None)
+        if rung is None:
+            break
+        here = _one_up(here, rung, refused)
+    hidden = [each.hidden for each in refused.values() if each.hidden]
+    stop = stop_finding(here.fit, here.shown, refused)
+    return replace(here, findings=(*here.findings, stop, *hidden))
+
+
+def _one_up(here: Choice, rung: Rung, refused: Mapping[str, Rung]) -> Choice:
+    """The choice with a rung more, and below it the one without, which says that the rung was left out."""
+    lost = replace(rung, doubt="neither its size nor the gain would be known")
+    stop = stop_finding(here.fit, here.shown, {**refused, rung.term: lost})
+    earlier = [f for f in here.findings if "coulomb" not in rung.term or f.code != "friction-not-found"]
+    return replace(
+        here,
+        fit=rung.fit,
+        plain=rung.plain,
+        shown=score_terms(rung.fit),
+        findings=(*earlier, rung_finding(rung, here.plain, here.fit)),
+        rung=rung,
+        below=replace(here, findings=(*here.findings, stop)),
     )
 
 

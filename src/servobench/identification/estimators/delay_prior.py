@@ -50,10 +50,8 @@ _ROUNDED = 0.4  # of a count: residuals that are smaller are mostly rounding, wh
 _APART = 0.02  # of the prior's scale: delays that lie closer together are one
 _STARTS = 3  # of a search with a delay that is held
 _SHORTEST = 0.01  # s, of the prior's scale
-_AS_GOOD_AS_NONE, _NEARLY_ONE = (
-    0.1,
-    0.6,
-)  # of a sample time, the prior's middle: how a usual delay is put in words
+_AS_GOOD_AS_NONE = 0.1  # of a sample time, which is the prior's middle
+_NEARLY_ONE = 0.6  # of a sample time: a shorter delay is a part of one
 
 
 @dataclass(frozen=True, kw_only=True)

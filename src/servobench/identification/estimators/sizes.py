@@ -24,8 +24,17 @@ def sizes(fit: Fit) -> Array:
     return np.array([*_of_shared(fit, lag), *_of_records(fit, lag)])
 
 
+def friction_spread(fit: Fit) -> float:
+    """Return the standard deviation of the Coulomb voltage as a part of the largest input; 0 for a model without friction."""
+    return fit.sd("coulomb_voltage") / _largest_input(fit) if "coulomb_voltage" in fit.model.names else 0.0
+
+
+def _largest_input(fit: Fit) -> float:
+    return max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records) or 1.0
+
+
 def _of_shared(fit: Fit, lag: float) -> list[float]:
-    largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records) or 1.0
+    largest = _largest_input(fit)
     least = {"delay": lag, "time_constant": lag}
     return [
         max(abs(float(value)), least.get(name, 0.1 * largest if name.endswith("voltage") else 0.0)) or 1.0

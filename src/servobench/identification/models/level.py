@@ -56,7 +56,7 @@ def _is_noisy(levels: Array, largest: float) -> bool:
 
 
 def _while_moving(record: Dataset, clear: bool) -> Array:
-    """The input at those samples of the output at which the shaft moves, `clear`: by more than noise does."""
+    """The input at those samples of the output at which the shaft moves and the input stays; `clear`: by more than noise does."""
     speed = np.abs(smooth_speed(record))
     least = _MOVING * float(speed.max(initial=0.0))
     moves = speed > least

@@ -138,6 +138,11 @@ def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
     )
 
 
+def is_known(estimate: Estimate) -> bool:
+    """Return whether an interval is narrow enough for its parameter to be known by itself."""
+    return _relative(estimate) <= _KNOWN
+
+
 def may_be_zero(gain: ParameterStatus) -> bool:
     """Return whether the input may not move the motor at all: a lag or a friction of that input then means nothing."""
     low, high = gain.estimate.interval
@@ -148,7 +153,7 @@ def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:
     if not np.isfinite(estimate.sd):
         return False
     if name in ("gain", "time_constant", "loop_gain"):
-        return _relative(estimate) <= (_ROUGH if among else _KNOWN)
+        return _relative(estimate) <= _ROUGH if among else is_known(estimate)
     if name == "delay" and estimate.half_width > max(record.data.duration for record in fit.records):
         return False
     if name == "delay" or name in _FRICTION + _GRAVITY:
@@ -188,8 +193,8 @@ def _remedy(name: str, fit: Fit) -> str:
     """What to record to learn a parameter, beyond what the records have: nobody is told to do what was done."""
     records = [record.data for record in fit.records]
     if name in ("time_constant", "delay"):
-        fast = max(record.sample_time for record in records)
-        resolved = "time_constant" in fit.model.names and fit.model["time_constant"] > _SAMPLED * fast
+        step = max(record.sample_time for record in records)
+        resolved = "time_constant" in fit.model.names and fit.model["time_constant"] > _SAMPLED * step
         several = "several steps from rest, each until the speed settles"
         return several if resolved else "steps that are sampled at least ten times in a time constant"
     if name == "gain" or name in _FRICTION:

@@ -41,14 +41,6 @@ def root_of_covariance(fit: Fit, jacobian: Array, scale: Array, variance: float)
     return np.asarray(np.linalg.inv(triangle), dtype=np.float64)
 
 
-def is_friction_open(fit: Fit) -> bool:
-    """Return whether a friction's standard deviation is beyond all inputs: any gain with its own friction makes that motion."""
-    if "coulomb_voltage" not in fit.model.names:
-        return False
-    largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records)
-    return bool(fit.sd("coulomb_voltage") > WEAK * largest)
-
-
 def with_weak_priors(fit: Fit) -> Fit:
     """Return the fit of a motor that moved under one level in a direction, with what is known of its parameters together exact.
 

@@ -275,32 +275,31 @@ def _varies(values: Array) -> bool:
     return bool(len(finite) and (finite != finite[0]).any())
 
 
-def about_reference(recording: Recording, used: Sequence[str]) -> list[Finding]:
-    """Return the question whether a column is what a loop followed, as its name says, and which isn't among those `used`."""
-    for each in recording.series:
-        name = each.channel.name
-        if _is_reference(name) and name not in used and has_numbers(each):
-            sentence = (
-                f"`{name}` is, by its name, what a loop follows. If a controller drove the motor, say "
-                f"`reference={_with_unit(recording, name)}`: then it is tested whether the data can tell the motor from it."
-            )
-            return [info("reference-possible", sentence, parameters=("gain", "time_constant"))]
-    return []
+def about_other_roles(
+    recording: Recording, driven: Series, used: Sequence[str], known: Sequence[Role]
+) -> list[Finding]:
+    """Return the questions whether columns are a loop's reference or a duty's supply, as their names say.
 
-
-def about_supply(recording: Recording, driven: Series) -> list[Finding]:
-    """Return the question whether a column is what feeds the amplifier, as its name says, where the input `driven` is a duty."""
-    if quantity_of(driven.channel.unit) != "duty":
-        return []
-    for each in recording.series:
-        name = each.channel.name
-        if may_be_supply(name) and name != driven.channel.name and has_numbers(each):
-            sentence = (
-                f"`{name}` may be what feeds the amplifier, by its name. If it is, say `supply={_with_unit(recording, name)}`: "
-                "the motor's voltage is the duty times that, and a battery that sags bends the characteristic of the duty."
-            )
-            return [info("supply-possible", sentence, parameters=("gain", "time_constant"))]
-    return []
+    `driven` is the input, `used` are the columns that have a role, `known` the roles that need no question.
+    """
+    unused = [each.channel.name for each in recording.series if has_numbers(each)]
+    unused = [name for name in unused if name not in used]
+    findings = []
+    followed = next(filter(_is_reference, unused), None)
+    if followed is not None and "reference" not in known:
+        sentence = (
+            f"`{followed}` is, by its name, what a loop follows. If a controller drove the motor, say "
+            f"`reference={_with_unit(recording, followed)}`: the data are then tested for whether they tell the motor from it."
+        )
+        findings.append(info("reference-possible", sentence, parameters=("gain", "time_constant")))
+    supply = next(filter(may_be_supply, unused), None)
+    if supply is not None and "supply" not in known and quantity_of(driven.channel.unit) == "duty":
+        sentence = (
+            f"By its name, `{supply}` may feed the amplifier. If it does, say `supply={_with_unit(recording, supply)}`: the "
+            "motor's voltage is the duty times the supply, and a battery that sags bends the characteristic of a duty."
+        )
+        findings.append(info("supply-possible", sentence, parameters=("gain", "time_constant")))
+    return findings
 
 
 def _is_reference(name: str) -> bool:

@@ -16,7 +16,7 @@ from servobench.core import toml
 from servobench.core.errors import MissingInformation, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
-from servobench.recordings.formats.choice import Choice, about_reference, about_supply, choose, spec_of
+from servobench.recordings.formats.choice import Choice, about_other_roles, choose, spec_of
 from servobench.recordings.formats.direction import missing_sign
 from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
 from servobench.recordings.formats.likely_units import about_input_unit
@@ -77,19 +77,24 @@ def assign(
         recording, columns, spec_of(time, recording), sample_time, counts_per_rev is not None
     )
     taken, about_samples = usable(recording.name, {role: roles.series[role] for role in ("input", "output")})
+    reference_name = roles.name("reference") or recording.reference
+    stated: dict[Role, object] = {"reference": reference_name, "supply": supply}
+    used = [each.channel.name for each in roles.series.values()]
+    known = [role for role, what in stated.items() if what is not None]
     result = replace(
         recording,
         series=_merge(recording.series, [*roles.others, *taken.values()]),
         input=taken["input"].channel.name,
         output=taken["output"].channel.name,
-        reference=roles.name("reference") or recording.reference,
+        reference=reference_name,
         chain=chain.strip() or recording.chain,
-        findings=(*before, *roles.findings, *about_samples),
+        findings=(
+            *before,
+            *roles.findings,
+            *about_samples,
+            *about_other_roles(recording, taken["input"], used, known),
+        ),
     )
-    used = [each.channel.name for each in roles.series.values()]
-    questions = [] if result.reference is not None else about_reference(recording, used)
-    questions += [] if supply is not None else about_supply(recording, taken["input"])
-    result = replace(result, findings=(*result.findings, *questions))
     result = _with_unit_doubt(result, recording)
     if counts_per_rev is not None:
         result = _with_turn(result, counts_per_rev)

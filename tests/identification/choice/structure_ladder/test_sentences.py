@@ -33,8 +33,8 @@ def test_gravity_is_claimed_only_where_it_is_reported_from_zero(widened: float, 
     assert "gravity_voltage_sine" in told.parameters
 
 
-def test_a_torque_that_comes_round_with_a_shaft_is_called_no_arm() -> None:
-    """A wheel's motor was said to be under gravity: whatever comes round once a turn looks like it."""
+def test_a_torque_that_repeats_with_each_turn_is_called_no_arm() -> None:
+    """A wheel's motor was said to be under gravity: whatever repeats with each turn looks like it."""
     swings, turns = (
         odd_record(ARM, 5, samples=len(T), u=level * np.sin(2 * np.pi * (0.3 + 0.1 * T) * T))
         for level in (3.0, 12.0)
@@ -49,4 +49,4 @@ def test_a_torque_that_comes_round_with_a_shaft_is_called_no_arm() -> None:
 
     assert np.ptp(swings.y) < 4 * np.pi < np.ptp(turns.y)
     assert told[0].startswith("Gravity acts on the shaft")
-    assert told[1].startswith("A torque comes round with the shaft")
+    assert told[1].startswith("A torque repeats with each turn")

@@ -37,11 +37,10 @@ _SAYS = {
 _MEASURED = "There is a second lag, that of the winding or of a filter on the speed"
 """In place of the winding's inductance where it isn't known how a speed was measured."""
 _TURNS = 4.0 * np.pi  # rad: an arm or a pendulum seldom goes round twice
-_COMES_ROUND = {
-    "gravity": "A torque comes round with the shaft, as an eccentric load makes it, an arm or a pendulum",
-    "coulomb_gravity": "A torque comes round with the shaft, as an eccentric load makes it, an arm or a pendulum, and there is "
-    "Coulomb friction",
-}
+_EACH_TURN = (
+    "A torque repeats with each turn of the shaft, as that of an eccentric load, an arm or a pendulum does"
+)
+_REPEATS = {"gravity": _EACH_TURN, "coulomb_gravity": f"{_EACH_TURN}, and there is Coulomb friction"}
 """In place of gravity where the shaft goes round."""
 
 
@@ -67,7 +66,7 @@ def _statement(term: str, fit: Fit) -> str:
     if term == "winding" and any(is_unknown(each.data) for each in fit.records):
         return _MEASURED
     if "gravity" in term and all(np.ptp(each.data.y) > _TURNS for each in fit.records):
-        return _COMES_ROUND[term]
+        return _REPEATS[term]
     return _SAYS[term]
 
 
