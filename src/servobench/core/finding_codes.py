@@ -116,7 +116,7 @@ _TABLE = (
     FindingCode("device-silent", "The device doesn't answer and the motor may still turn.", "Cut the motor's supply."),
     FindingCode("direction-words", "A column of words such as F and R is read as signs."),
     FindingCode("directions-differ", "The motor behaves differently in its two directions.",
-        "Identify each direction, or use the structure with asymmetric friction."),
+        "Identify each direction, or use the structure with asymmetric friction.", Role.EXPLANATION),
     FindingCode("disturbance-found", "A random torque moves the motor and is modelled."),
     FindingCode("disturbance-not-found", "Nothing shows that a random torque moves the motor."),
     FindingCode("drag-differs", "The speed-dependent drag differs between the two directions.",

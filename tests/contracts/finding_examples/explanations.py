@@ -62,6 +62,11 @@ def _both_ways() -> Array:
     return np.repeat(np.random.default_rng(7).uniform(-3.0, 3.0, 20), 250)
 
 
+def _weak_half() -> Dataset:
+    """An amplifier whose negative half gives a tenth less."""
+    return told(_both_ways(), np.where(_both_ways() < 0.0, 0.9 * _both_ways(), _both_ways()))
+
+
 def _wrong_label() -> Dataset:
     """A level labelled 3 V that is 2.2 V."""
     return told(staircase(), np.where(staircase() == 3.0, 2.2, staircase()))
@@ -114,6 +119,7 @@ EXAMPLES = (
     _example("coasts", lambda: _driven_in_steps(2.5), lambda: _driven_in_steps(1.0)),
     _example("dead-zone", _dead_zone, lambda: driven(sines())),
     _example("delay-negative", _early, sound),
+    _example("directions-differ", _weak_half, lambda: driven(_both_ways())),
     _example("gain-falls", _clipped, lambda: driven(staircase())),
     _example("hysteresis", _hysteresis, lambda: driven(sines())),
     _example("input-unrelated", _of_another_motor, sound),

@@ -428,3 +428,20 @@ def test_identification_goes_back_to_the_rung_below_a_lost_one(monkeypatch: pyte
     assert result.fit.structure == "first_order_one_way"
     assert result.answers["gain"].state is State.KNOWN
     assert "stribeck-found" not in codes(result)
+
+
+@pytest.mark.parametrize(("gain", "tried"), [(10.0, "no better fit"), (70.0, "half a turn from row to row")])
+def test_gravity_is_not_looked_for_between_the_rows(gain: float, tried: str) -> None:
+    """A motor under 1.5 V and a random torque, a row each 40 ms: 15 rad/s are 0.6 rad a row, 105 rad/s two thirds of a turn."""
+    random, step, tau = np.random.default_rng(0), 0.04, 2.0
+    u = np.where(np.arange(600) % 200 < 100, 1.5, 1.0)
+    speed, angle = np.zeros(600), np.zeros(600)
+    for n in range(1, 600):
+        torque = 0.02 * random.standard_normal()
+        speed[n] = speed[n - 1] + (gain * (u[n - 1] + torque) - speed[n - 1]) * (1.0 - np.exp(-step / tau))
+        angle[n] = angle[n - 1] + 0.5 * step * (speed[n] + speed[n - 1])
+    result = identify({"u": u, "angle": angle}, input="u:V", output="angle:rad", sample_time=step)
+
+    [chosen] = [each.sentence for each in result.findings if each.code == "structure-chosen"]
+    assert "gravity on an arm or a pendulum (" in chosen
+    assert tried in chosen

@@ -90,6 +90,21 @@ def test_a_level_that_acts_like_another_one_may_have_a_wrong_label(
     assert [advice in cause.sentence for cause in found] == [True] * bool(advice)
 
 
+@pytest.mark.parametrize("ratio", [0.9, 0.96, 1.2])
+def test_of_two_halves_of_an_amplifier_the_ratio_is_given_and_no_level_is_blamed(ratio: float) -> None:
+    """Eight levels, of which the negative ones act by another part than the positive ones: the smaller part is named."""
+    levels = np.repeat([-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0], 4)
+    u = np.repeat(np.random.default_rng(1).permutation(levels), 100)
+
+    [found] = explain([told(u, np.where(u < 0.0, ratio * u, u))])
+
+    assert found.code == "directions-differ"
+    percent = 100.0 * (1.0 - min(ratio, 1.0 / ratio))
+    size = float(found.sentence.split("gain is ")[1].split(" %")[0])
+    assert size == pytest.approx(percent, abs=0.2 * percent)
+    assert ("smaller backward" in found.sentence) == (ratio < 1.0)
+
+
 def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing() -> None:
     """Levels of 40 ms over 1500 s, on a grid of 6000 points 250 ms apart: what acts between them isn't seen."""
     levels = np.random.default_rng(0).uniform(-3, 3, 37_500)

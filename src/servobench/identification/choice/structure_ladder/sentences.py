@@ -50,7 +50,9 @@ def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
     `plain` is the fit below it as it is, `fit` as it is allowed for.
     """
     new = [n for n in rung.fit.model.names if n not in fit.model.names]
-    sizes = ", ".join(f"{parameter_in_words(n, rung.fit[n].unit)} {_size(rung.fit, n)}" for n in new)
+    sizes = ", ".join(
+        f"{parameter_in_words(n, rung.fit[n].unit)} {_size(rung.fit, n)}" for n in new
+    ) + _gains(rung)
     if not is_certain(rung.term, rung.fit):
         sentence = (
             f"The data don't show for certain whether there is {TERMS[rung.term]} ({sizes}), but leaving it out "
@@ -84,6 +86,15 @@ def _benefit_text(rung: Rung, plain: Fit, fit: Fit) -> str:
         f"Without it the simulation explains {percents[0]} % of the output, with it {percents[1]} %, and the gain would be "
         f"{change_text(fit.model['gain'], rung.fit.model['gain'])}."
     )
+
+
+def _gains(rung: Rung) -> str:
+    """The gains K/(1 + K a) forward and K/(1 - K a) backward where drag differs by a; empty for another term."""
+    if rung.term != "asymmetric":
+        return ""
+    gain, drag = rung.fit.model["gain"], rung.fit.model["drag_asymmetry"]
+    forward, backward = (number(gain / (1.0 + way * gain * drag)) for way in (1.0, -1.0))
+    return f", so a gain of {forward} {rung.fit['gain'].unit} forward and {backward} backward"
 
 
 def _size(fit: Fit, name: str) -> str:

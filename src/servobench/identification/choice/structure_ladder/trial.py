@@ -84,6 +84,10 @@ def try_rung(
     structure = STRUCTURES[with_added_term(fit.structure, term) or ""]
     if method.supports(structure, data) is not None:
         return Rung(term=term, plain=plain, fit=fit, doubt=f"{fit.estimator} can't fit it")
+    if "gravity" in term and _is_between_rows(data):
+        return Rung(
+            term=term, plain=plain, fit=fit, doubt="the shaft turns by more than half a turn from row to row"
+        )
     try:
         starts = (_embed(plain, structure, data), *structure.guesses(data))
         nearest = best_minimum(structure, data, starts)
@@ -107,6 +111,12 @@ def try_rung(
     if not doubt:
         doubt, hidden = feedback_refusal(term, allowed, fit)
     return Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
+
+
+def _is_between_rows(data: Sequence[Dataset]) -> bool:
+    """Whether most of what repeats with each turn happens between the rows: of such a wave they show another one's alias."""
+    turns = [np.diff(each.y) for each in data if each.kind == "position" and each.position_unit == "rad"]
+    return bool(turns) and float(np.median(np.abs(np.concatenate(turns)))) > np.pi
 
 
 def _early_doubt(term: str, is_significant: bool, richer: Fit, plain: Fit, fit: Fit) -> str:

@@ -12,6 +12,7 @@ from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
+_FEWEST = 20  # samples
 _EQUAL = 0.02  # of the largest level, or error: how near an output comes to its reference
 _SETTLED = 10  # samples at the end of a level
 _STILL_GOES = 0.005  # of the largest level, within these samples: a speed that still changes passes any value
@@ -27,25 +28,30 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 
 def _of(data: Dataset) -> list[Finding]:
     """Whether input and output, at the same times, are the same but for scale and offset."""
-    if len(data.u) < 20:
-        return []
-    u = np.interp(data.t_output, data.t_input, data.u)
+    u, begun = row_by_row(data)
     speed = smooth_speed(data)
-    for what, y in (("the output", data.y), ("the output's speed", speed)):
-        if (
-            alike(u, y)
-            and alike(_bend(u, data.t_output), _bend(y, data.t_output))
-            and not _is_the_controllers(data, u, y)
-        ):
+    u, t = u[begun:], data.t_output[begun:]
+    if len(u) < _FEWEST:
+        return []
+    for what, y in (("the output", data.y[begun:]), ("the output's speed", speed[begun:])):
+        if alike(u, y) and alike(_bend(u, t), _bend(y, t)) and not _is_the_controllers(data, u, y, t):
             if _brings_it_to_rest(data, u):
                 return [_proportional(data)]
             sentence = (
                 f"{data.name}: the input is {what} rescaled: this column was measured at the shaft "
-                "and doesn't drive the motor. Name the voltage's column with `input=COL:UNIT`; if "
-                "the file has none, the input wasn't recorded."
+                "and doesn't drive the motor, or a controller computed it from the output alone. Name the voltage's column "
+                "with `input=COL:UNIT`; if the file has none, the input wasn't recorded; a controller's reference is "
+                "named with `reference=COL`."
             )
             return [refusal("input-is-output", sentence)]
     return []
+
+
+def row_by_row(data: Dataset) -> tuple[Array, int]:
+    """Return the input (M,) in the rows of the output, and the row in which it begins: what is before it has no part in a law."""
+    u = np.interp(data.t_output, data.t_input, data.u)
+    changed = np.flatnonzero(u != u[0])
+    return u, int(changed[0]) if len(changed) else 0
 
 
 def alike(u: Array, y: Array) -> bool:
@@ -59,7 +65,7 @@ def _bend(x: Array, t: Array) -> Array:
     return np.asarray(np.where(np.abs(rest).max() > _BENT * np.ptp(x), rest, 0.0))
 
 
-def _is_the_controllers(data: Dataset, u: Array, y: Array) -> bool:
+def _is_the_controllers(data: Dataset, u: Array, y: Array, t: Array) -> bool:
     """Whether the input is the error times a gain.
 
     While the reference stays where it is a proportional controller makes the output once more, and is zero where the output is at
@@ -68,7 +74,7 @@ def _is_the_controllers(data: Dataset, u: Array, y: Array) -> bool:
     if not data.closed_loop or data.reference is None:
         return False
     slope, offset = np.polyfit(y, u, 1)
-    reference = np.interp(data.t_output, data.t_input, data.reference)
+    reference = np.interp(t, data.t_input, data.reference)
     near = max(_EQUAL * float(np.abs(reference - y).max()), data.quantum or 0.0)
     return bool(np.abs(-offset / slope - reference).max() <= near)
 

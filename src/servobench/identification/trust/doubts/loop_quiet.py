@@ -1,11 +1,17 @@
-"""A closed loop whose reference moves the motor too little to identify it."""
+"""A closed loop whose reference moves the motor too little to identify it, or of which the controller was identified instead."""
 
 from __future__ import annotations
 
-from servobench.core.finding import Finding, info, warning
-from servobench.identification.estimators.base import Fit
-from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+import numpy as np
 
+from servobench.core.finding import Finding, info, refusal, warning
+from servobench.core.rounding import with_unit
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.echo import alike, row_by_row
+
+_BACKWARD = 0.02  # of a gain: as near as that to the controller's law read backward, it is that law
+_AT_ONCE = 2.0  # sample times: no motor's time constant is so short in a loop that is sampled for it
 _KNOWN = 0.05  # of its value: a standard deviation beyond that is worth a sentence
 _EXPLAINED = 90.0  # percent of the output: then the intervals say how little is known
 _MORE = "a larger or richer reference (a PRBS, steps of several sizes), add a dither, or record in open loop."
@@ -15,6 +21,14 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
     """Whether gain or time constant stay vague, or the search for them doesn't settle, though a controller moved the motor."""
     if not any(record.data.closed_loop for record in fit.records):
         return []
+    if all(_is_law_backward(fit, record) for record in fit.records):
+        gain = with_unit(fit.model["gain"], fit["gain"].unit, 3)
+        sentence = (
+            f"In this closed loop the voltage follows from the output, and the gain of {gain} is the controller's law read "
+            "backward, not the motor's: it explains the output at once, without a time constant. "
+            f"Use {_MORE}"
+        )
+        return [refusal("loop-tells-little", sentence, parameters=("gain", "time_constant"))]
     names = [name for name in ("gain", "time_constant") if name in fit.model.names]
     if fit.converged and all(fit[name].sd <= _KNOWN * abs(fit[name].value) for name in names):
         return []
@@ -26,6 +40,18 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
         f"the motor from the controller. Use {_MORE}"
     )
     return [warning("loop-tells-little", sentence, parameters=tuple(names))]
+
+
+def _is_law_backward(fit: Fit, record: FittedRecord) -> bool:
+    """Whether a fit is y = r - u/k without a lag, u = k (r - y) being what a controller makes of speed y and one reference r."""
+    data = record.data
+    if data.kind != "speed" or fit.model["time_constant"] > _AT_ONCE * data.sample_time:
+        return False
+    u, begun = row_by_row(data)
+    if not alike(u[begun:], data.y[begun:]):
+        return False
+    law = np.polyfit(data.y[begun:], u[begun:], 1)
+    return abs(fit.model["gain"] * float(law[0]) - 1.0) < _BACKWARD
 
 
 DOUBTS.member("loop_quiet")(Doubt(codes=("loop-tells-little",), about_fit=_loop_quiet))
