@@ -51,3 +51,13 @@ def test_behind_a_coarse_encoder_too() -> None:
 
     assert "not-at-rest" in codes(position(0.15, speed_before=SPEED, **coarse))
     assert "not-at-rest" not in codes(position(0.15, **coarse))
+
+
+def test_two_rows_at_once_in_the_beginning_show_no_speed() -> None:
+    """A logger that writes its first two rows 80 µs apart: a window as short as that has no room for a lag."""
+    data = position(0.07, sample_time=0.006, delay=0.02, counts=100_000)
+    t = np.concatenate([[0.0], data.t_output[:-1] + 8e-5])
+
+    record = replace(data, t_output=t, y=np.interp(t, data.t_output, data.y), quantum=None)
+
+    assert "not-at-rest" not in codes(record)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from servobench.recordings.measurement.first_motion import first_motion
+from servobench.recordings.measurement.unknown_input import without_unknown_input
 from tests.datasets import QUANTUM, dataset
 
 T = 0.002 * np.arange(1000)
@@ -59,3 +60,22 @@ def test_a_shaft_that_runs_as_the_record_begins_has_no_first_motion() -> None:
     u = np.where(np.arange(len(T)) < 1, 0.0, 3.0)
 
     assert first_motion(dataset(seed=1, samples=len(T), u=u, y=QUANTUM * np.floor(1600.0 * T))) is None
+
+
+@pytest.mark.parametrize(("every", "late"), [(1, 0.004), (5, 0.01)])
+def test_one_speed_of_nothing_shows_a_rest(every: int, late: float) -> None:
+    """A step in the second row; of every fifth row the step's own has moved already."""
+    u = np.where(T < 0.002, 0.0, 3.0)
+    speed = 70.0 * (1.0 - np.exp(-np.clip(T - 0.002, 0.0, None) / 0.1))
+    whole = replace(
+        dataset(seed=1, samples=len(T), u=u, y=speed), kind="speed", output_unit="rad/s", quantum=None
+    )
+    record = replace(
+        whole, t_input=T[::every], u=u[::every], t_output=T[::every], y=speed[::every], rows=None
+    )
+
+    found = first_motion(record)
+
+    assert found is not None
+    assert found.effect - found.cause <= late
+    assert len(without_unknown_input(record).y) == len(record.y)

@@ -28,6 +28,7 @@ _PLAY = float(np.deg2rad(0.5))  # rad, of a gear
 _BAND = 0.05  # of the largest input: the widest dead band to either side
 _TYPICAL_BAND = 0.03  # of the largest input: whose effect counts, as that isn't in proportion to the width
 _ONE_SIZE = 0.03  # of the largest input: sizes that lie nearer than that are one
+_FREE = 0.9  # of what the winding brakes a motor with is missing where a driver lets go of it; the bearings still brake
 _TYPICAL = 0.5  # of the largest play, for the same reason
 
 
@@ -46,6 +47,15 @@ def with_small_departures(fit: Fit) -> Fit:
     if _sizes_differ(fit, largest):
         lost = _BAND / SMALL * _columns(test, _dead_band(fit))
         lines.append((lost, "a dead band", "the amplifier may lose up to 5 % of the largest input near zero"))
+    if any(np.any(record.data.u == 0.0) for record in fit.records):
+        let_go = _FREE / SMALL * _columns(test, _letting_go(fit.model["gain"], largest))
+        lines.append(
+            (
+                let_go,
+                "a driver that lets go",
+                "the driver may let go of the motor without an input, and not brake it",
+            )
+        )
     if all(record.data.position_unit == "rad" for record in fit.records):
         played = _columns(test, _PLAYING) / _TYPICAL
         lines.append((played, "play", "a gear may have play of up to half a degree"))
@@ -69,6 +79,15 @@ def _warming(gain: float, largest: float) -> Term:
         return (-0.5 * motion.gone * driving,)
 
     return Term(code="motor-changes", name="a motor that warms up", sentence="", to_input=drop)
+
+
+def _letting_go(gain: float, largest: float) -> Term:
+    """The input that takes the place of the winding's braking while there is no input, in parts of the largest [input unit]."""
+
+    def held(motion: Motion) -> tuple[Array, ...]:
+        return (np.where(motion.input == 0.0, motion.fastest / (gain * largest) * motion.speed, 0.0),)
+
+    return Term(code="coasts", name="a driver that lets go", sentence="", to_input=held)
 
 
 def _behind_a_gap(motion: Motion) -> tuple[Array, ...]:

@@ -94,10 +94,10 @@ def first_motion(data: Record) -> FirstMotion | None:
     if cause is None:
         return None
     at_rest = data.starts_at_rest and cause <= data.t_output[0]
-    samples = 1 if at_rest else int(np.count_nonzero(data.t_output <= cause))
+    within = noise_of(data)
+    samples = 1 if at_rest else _samples_before(data, cause, within)
     if samples < 1:
         return None
-    within = noise_of(data)
     middle = float(np.median(data.y[:samples]))
     if (
         not within > 0
@@ -109,7 +109,9 @@ def first_motion(data: Record) -> FirstMotion | None:
     # would have left its place sooner if it were faster: so the whole standstill counts, beyond the cause as well.
     left = np.flatnonzero(np.abs(data.y - middle) > within)
     stood = max(int(left[0]) if len(left) else len(data.y), samples)
-    lasted = np.inf if at_rest else float(data.t_output[stood - 1] - data.t_output[0])
+    # A speed of nothing is a standstill in a single sample.
+    rests = at_rest or (data.kind == "speed" and abs(middle) <= within)
+    lasted = np.inf if rests else float(data.t_output[stood - 1] - data.t_output[0])
     if not lasted > 0:
         return None
     unseen = within * (2.0 + (data.t_output - data.t_output[samples - 1]) / lasted)
@@ -120,6 +122,13 @@ def first_motion(data: Record) -> FirstMotion | None:
     if not len(moved):
         return None
     return FirstMotion(cause=cause, effect=float(data.t_output[moved[0]]), samples=samples, within=within)
+
+
+def _samples_before(data: Record, cause: float, within: float) -> int:
+    """The outputs up to a cause [s]; that of its own row isn't one of them where a speed has answered to it already."""
+    samples = int(np.count_nonzero(data.t_output <= cause))
+    is_answer = data.kind == "speed" and samples > 1 and data.t_output[samples - 1] == cause
+    return samples - int(is_answer and abs(data.y[samples - 1] - data.y[samples - 2]) > within)
 
 
 def _first_change(data: Record) -> float | None:

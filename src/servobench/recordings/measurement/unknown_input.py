@@ -47,15 +47,29 @@ def without_unknown_input(data: Dataset) -> Dataset:
 
 
 def _moves_at_first(data: Dataset, samples: int) -> bool:
-    """Whether the shaft moves within so many samples by more than noise, or its speed isn't zero."""
-    first = data.y[: max(samples, 3)]
+    """Whether the shaft moves within so many samples by more than noise, or its speed isn't zero, before the input changes."""
+    until = _rows_until_change(data)
     if data.kind == "speed":
-        return abs(float(np.median(first))) > data.noise
-    return float(np.ptp(first)) > 2 * data.noise
+        return abs(float(np.median(data.y[: min(until, max(samples, 3)) or 3]))) > data.noise
+    if until < 2:
+        return float(np.ptp(data.y[:samples])) > 2 * data.noise
+    return float(np.ptp(data.y[: min(until, max(samples, 3))])) > data.noise
 
 
 def _sets_off_unasked(data: Dataset) -> bool:
     """Whether a shaft that stood sets off before the input changes: what it answers to came with the first row, or before it."""
-    away = np.flatnonzero(np.abs(data.y - np.median(data.y[:SUSTAINED])) > data.noise)
-    change = data.t_input[np.flatnonzero(data.u != data.u[0])[0]]
-    return bool(len(away) > 0 and data.t_output[away[0]] <= change)
+    stood = float(np.median(data.y[: min(_rows_until_change(data), SUSTAINED) or SUSTAINED]))
+    away = np.flatnonzero(np.abs(data.y - stood) > data.noise)
+    return bool(len(away) > 0 and away[0] < _rows_until_change(data))
+
+
+def _rows_until_change(data: Dataset) -> int:
+    """The outputs up to the first change of the input; a speed may answer within the row of the change."""
+    return int(
+        np.searchsorted(data.t_output, _change(data), side="left" if data.kind == "speed" else "right")
+    )
+
+
+def _change(data: Dataset) -> float:
+    """The time [s] at which an input that isn't one value throughout first changes."""
+    return float(data.t_input[np.flatnonzero(data.u != data.u[0])[0]])

@@ -22,27 +22,32 @@ _ORDERS = 19  # other orders of the levels: the recorded one is the best of 20 b
 _AS_GOOD = 2  # of these orders
 # Samples from the beginning of each record: where a fit explains little, so many that slow levels are among them.
 _SAMPLES = {True: 2000, False: 20_000}
-_LAGS = 8  # time constants that are tried, from one sample to the whole record
+_LAGS = 9  # time constants that are tried, up to the whole record
+_SHORTEST = 0.1  # of the sample time: a speed that follows its input at once
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
     """Whether the same levels of the input explain the output as well when they come in another order.
 
     A position drifts, and a drift is explained to 70 % by nearly anything: what counts is that the recorded order of the levels
-    does it better than others do. It doesn't where the input changed unseen between samples, or drives another motor.
+    does it better than others do. It doesn't where the input changed unseen between samples, or drives another motor. Of levels
+    of one sign any order explains most of the way, so a position's speeds are asked as well.
     """
     records = [record.data for record in fit.records]
     well = fit.fit_percent >= _WELL
     inputs = [data.input_at_output[: _SAMPLES[well]] for data in records]
     if "gain" not in fit.model.names or any(len(_switches(u)) < _LEVELS for u in inputs):
         return []
-    generator = np.random.default_rng(0)
     recorded = _misfit(records, inputs)
     if well and recorded < _ALL * _misfit(records, [0.0 * u for u in inputs]):
         return []
-    others = [_misfit(records, [_reorder(u, generator) for u in inputs]) for _ in range(_ORDERS)]
-    as_good = sum(other <= recorded for other in others)
+    as_good = _as_good_orders(records, inputs, recorded)
     if as_good < _AS_GOOD:
+        return []
+    speeds_tell = records[0].kind == "position" and (
+        _as_good_orders(records, inputs, _misfit(records, inputs, as_speed=True), as_speed=True) < _AS_GOOD
+    )
+    if speeds_tell:
         return []
     sentence = (
         f"The input explains the output no better than chance does: {as_good} of {_ORDERS} other orders of the same levels "
@@ -50,6 +55,15 @@ def _about_fit(fit: Fit) -> list[Finding]:
         "faster than the input changes, and check the columns."
     )
     return [warning("fit-by-chance", sentence, parameters=("gain", "time_constant"))]
+
+
+def _as_good_orders(
+    records: list[Dataset], inputs: list[Array], recorded: float, as_speed: bool = False
+) -> int:
+    """How many other orders of the levels leave as little as the recorded one does."""
+    generator = np.random.default_rng(0)
+    others = [_misfit(records, [_reorder(u, generator) for u in inputs], as_speed) for _ in range(_ORDERS)]
+    return sum(other <= recorded for other in others)
 
 
 def _switches(u: Array) -> NDArray[np.intp]:
@@ -63,29 +77,34 @@ def _reorder(u: Array, generator: np.random.Generator) -> Array:
     return np.concatenate([held[at] for at in generator.permutation(len(held))])
 
 
-def _misfit(records: list[Dataset], inputs: list[Array]) -> float:
+def _misfit(records: list[Dataset], inputs: list[Array], as_speed: bool = False) -> float:
     """The smallest sum of squares that a motor leaves of the records, relative to that of each record's own variation.
 
     Linear least squares in gain, offset and start for each of several time constants: the same small search for every order.
+    A position may be compared `as_speed`, by what it goes from sample to sample.
     """
     shares = []
     for data, u in zip(records, inputs, strict=True):
-        y = data.y[: len(u)]
-        lags = np.geomspace(1.0, len(y), _LAGS)
-        shares.append([_misfit_behind_lag(y, u, lag, data.kind) for lag in lags])
+        y, t = data.y[: len(u)], data.t_output[: len(u)]
+        lags = np.geomspace(_SHORTEST * data.sample_time, max(t[-1] - t[0], data.sample_time), _LAGS)
+        shares.append([_misfit_behind_lag(y, u, t, lag, data.kind, as_speed) for lag in lags])
     return float(np.min(np.sum(shares, axis=0)))
 
 
-def _misfit_behind_lag(y: Array, u: Array, lag: float, kind: str) -> float:
-    """The share of the output's variation that a motor with a time constant of `lag` samples leaves."""
-    decay = np.exp(-1.0 / lag)
-    steps = np.arange(len(y))
-    follows = first_order_recursion(np.full(len(u), decay), ((1.0 - decay) * u)[:, None])[:, 0]
-    speed = np.append(0.0, follows[:-1])
-    columns = [speed, np.ones_like(speed), decay**steps]
+def _misfit_behind_lag(y: Array, u: Array, t: Array, lag: float, kind: str, as_speed: bool) -> float:
+    """The share of the output's variation that a motor with a time constant of `lag` [s] leaves, at times t (N,) [s]."""
+    steps = np.diff(t)
+    decay = np.exp(-steps / lag)
+    speed = np.append(0.0, first_order_recursion(decay, ((1.0 - decay) * u[:-1])[:, None])[:, 0])
+    columns = [speed, np.ones_like(speed), np.exp(-(t - t[0]) / lag)]
     if kind == "position":
-        columns = [np.cumsum(speed), *columns[1:], steps]
+        turned = (
+            np.append(0.0, np.cumsum(u[:-1] * steps)) - lag * speed
+        )  # the integral of a speed that starts at zero
+        columns = [turned, *columns[1:], t - t[0]]
     matrix = np.column_stack(columns)
+    if as_speed:
+        matrix, y = np.diff(matrix, axis=0) / steps[:, None], np.diff(y) / steps
     rest = y - matrix @ np.linalg.lstsq(matrix, y, rcond=None)[0]
     return float(np.sum(rest**2) / np.sum((y - y.mean()) ** 2))
 

@@ -24,6 +24,7 @@ _LEFT = 0.5  # of the misfit may be left of an output taken as what it is
 _NEAR = 4.0  # times the misfit that is wanted: a guess that leaves more isn't refined
 _LONG = 20  # samples under one input
 _HARDLY = 0.1  # of the way in a stretch: a position would go a quarter of it at a steady speed
+_FALL = 0.5  # of the largest input: a speed shows it
 _ENOUGH = 5000  # samples to tell the two kinds apart
 _BEHAVES = {
     "position": "it goes on growing while the input stands still",
@@ -46,6 +47,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []  # a proportional controller's law, which explains the output as well as a speed would be
     if data.kind == "speed" and _comes_to_rest(data):
         return []  # a position would go on
+    if data.kind == "position" and _goes_on(data):
+        return []  # a speed would fall with its input
     same, other = _enough_of(data), _with_other_kind(data)
     wanted = max(_NEARLY_ALL, 100 - _LEFT * (100 - fit.fit_percent))
     explained = _percent_explained(other, wanted)
@@ -71,6 +74,16 @@ def _comes_to_rest(data: Dataset) -> bool:
         if end - first >= _LONG and data.input_at_output[first] != 0
     ]
     return bool(stretches) and all(np.ptp(y[-len(y) // 4 :]) < _HARDLY * np.ptp(y) for y in stretches)
+
+
+def _goes_on(data: Dataset) -> bool:
+    """Whether the output never comes back, by no more than noise, although the input falls by half of its range or more."""
+    forward = 1.0 if data.y[-1] >= data.y[0] else -1.0
+    way = forward * data.y
+    drive = np.abs(data.u)
+    fell = float(np.max(np.maximum.accumulate(drive) - drive, initial=0.0))
+    back = float(np.max(np.maximum.accumulate(way) - way, initial=0.0))
+    return fell >= _FALL * float(np.max(drive, initial=0.0)) > 0 and back <= data.noise
 
 
 def _way_out(data: Dataset) -> str:

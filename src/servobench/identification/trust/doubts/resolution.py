@@ -48,9 +48,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     unit = fit.records[0].data.output_unit
     where = "while the motor accelerates" if kind == "position" else "over the whole range of the speed"
-    allowed_for = any(line.source == SOURCE for line in fit.budget) and not (
-        kind == "position" and fewest < _BLIND
-    )
+    model_error = any(line.source == SOURCE for line in fit.budget)
+    # What has a time for each step isn't rounded.
+    allowed_for = by_edges or (model_error and not (kind == "position" and fewest < _BLIND))
     by = "and the intervals allow for it" if allowed_for else "perhaps by more than their intervals"
     sentence = (
         f"Each row is one step of the sensor, {plain(quantum, 3)} {unit}, at a time of its own, so the times tell the motion, "

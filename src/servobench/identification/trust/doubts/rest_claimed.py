@@ -65,7 +65,8 @@ def _starts_too_fast(data: Dataset) -> bool:
     times = np.diff(data.t_output[places])
     a, b = (1.0 - np.diff(data.y[places]) / times / first.speed).tolist()
     shortest, longest = _LAG
-    if data.sample_time <= longest and a * times[0] < min(max(shortest, count), longest):
+    # In a window as short as that itself a motor from rest lacks nearly all of its speed.
+    if a < _FAR and data.sample_time <= longest and a * times[0] < min(max(shortest, count), longest):
         return True
     return bool(_LACKS < b < a and a < _FAR * (1.0 - b / a) / np.log(a / b))
 

@@ -26,6 +26,7 @@ _NOISE = 0.02  # of the filtered acceleration may be noise
 _SETTLED = 8.0  # filter times until the start is forgotten
 _PER_TIME = 4.0  # rows of the regression in a filter time
 _JUMP = 0.2  # of the input's range: a change in one step of the grid that is as good as at once
+_EVENTS = 1.5  # times through its range: an input that does more than one thing
 _SWEPT = 3.0  # times through its range
 _UNSEEN = 0.3  # of the input's standard deviation may pass between two points of the grid
 
@@ -161,9 +162,19 @@ def rings(u: Array) -> bool:
     return (jumps or sweep_count(u) >= _SWEPT) and not is_one_sine(u)
 
 
-def with_extra(data: Dataset, extra: Callable[[Array, Array], Array]) -> Dataset:
-    """Return a record with an input that has `extra`(t, u) (N,) more at the times t (N,) of input and output together."""
-    t = np.union1d(data.t_input, data.t_output)
+def is_one_event(motions: Sequence[Motion]) -> bool:
+    """Return whether no input does more than one thing, such as a step: what a motor leaves of it has many shapes."""
+    return max(sweep_count(each.u) for each in motions) < _EVENTS
+
+
+def with_extra(
+    data: Dataset, extra: Callable[[Array, Array], Array], between: Array | Sequence[float] = ()
+) -> Dataset:
+    """Return a record with an input that has `extra`(t, u) (N,) more at the times t (N,) of input and output together.
+
+    It is held from one of these times to the next, so that what changes fast needs further times `between` (B,) [s].
+    """
+    t = np.union1d(np.union1d(data.t_input, data.t_output), between)
     u = input_at(data, t)
     return replace(data, t_input=t, u=u + extra(t, u), reference=None)
 

@@ -8,7 +8,13 @@ from servobench.core.channels import Array
 from servobench.core.finding import warning
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
-from servobench.identification.trust.explanations.equation import rings
+from servobench.identification.trust.explanations.equation import is_one_event, rings
+
+_SWINGS = 0.5  # of critical damping: with more a step overshoots by less than a sixth, and hardly swings
+_PERIODS = 2  # in the longest record: what swings fewer times is anything slow
+_OF_ONE_EVENT = (
+    0.3  # of the misfit may be left of a record of one event, of which two poles explain much in any case
+)
 
 
 def _second_order(case: Case) -> CauseFit | None:
@@ -20,7 +26,10 @@ def _second_order(case: Case) -> CauseFit | None:
     if squared == 0:
         return None
     frequency = np.sqrt(abs(squared)) ** -1 / (2 * np.pi)
-    swings = squared > 0 and tau**2 < 4 * squared
+    if is_one_event(case.motions) and regression.misfit > _OF_ONE_EVENT * case.plain.misfit:
+        return None
+    longest = max(each.t[-1] - each.t[0] for each in case.motions)
+    swings = squared > 0 and tau**2 < 4 * _SWINGS**2 * squared and frequency * longest > _PERIODS
     how = f"oscillates at about {frequency:.2g} Hz" if swings else "has a second pole"
     sentence = (
         f"The output {how}, which a first-order motor doesn't: a pendulum, a spring, a compliant "
