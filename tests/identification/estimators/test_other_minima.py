@@ -8,7 +8,7 @@ import pytest
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.delay_prior import DelayPrior
 from servobench.identification.estimators.least_squares import Minimum
-from servobench.identification.estimators.other_minima import other_minima
+from servobench.identification.estimators.other_minima import OneLevel, other_minima
 
 COVARIANCE = np.diag([0.01, 0.04])
 
@@ -77,3 +77,23 @@ def test_gain_and_time_constant_that_are_both_many_times_larger_leave_their_quot
     quotient = np.array([1.0, -0.5])  # of relative changes
     assert quotient @ found.covariance @ quotient == pytest.approx(0.0, abs=1e-12)
     assert found.covariance[0, 0] == pytest.approx(0.5 * np.log(1000.0) ** 2)
+
+
+@pytest.mark.parametrize("gain", [3.0, -0.5])
+def test_under_one_level_the_speed_changes_by_what_it_differs(gain: float) -> None:
+    """Gain 1 and friction 2 V under 10 V make 8 rad/s; the other minimum makes 9, with whatever gain."""
+    place = Minimum(theta=np.array([1.0, 2.0]), predictions=(), cost=2.0, converged=True, status="")
+    other = np.array([gain, 10.0 - 9.0 / gain])
+
+    found = other_minima(
+        place,
+        [(other, 2.0)],
+        COVARIANCE,
+        500,
+        scales=(0,),
+        one_level=OneLevel(level=10.0, gain=0, friction=1),
+    )
+
+    assert found is not None
+    slope = np.array([10.0 - 2.0, -1.0])  # of the speed K (u - u_c) by K and u_c
+    assert slope @ found.covariance @ slope == pytest.approx(0.5 * (9.0 - 8.0) ** 2)

@@ -75,3 +75,25 @@ def test_one_level_that_a_delay_is_expected_for_has_a_usual_friction() -> None:
 
     assert "delay-expected" in {finding.code for finding in fit.findings}
     assert 0.0 <= fit.model["coulomb_voltage"] <= 50.0
+
+
+def test_friction_never_drives_the_motor_however_much_better_that_fits() -> None:
+    """A row at rest, a speed that rises along a line and stays: so would a motor do that its friction drives during the delay."""
+    t = 0.001 * np.arange(153)
+    y = 14.9 * np.clip(t / 0.018, 0.0, 1.0) + np.random.default_rng(1).normal(0.0, 0.3, 153)
+    record = replace(
+        dataset(seed=1, samples=153, u=np.where(t < 0.0005, 0.0, 100.0)),
+        t_input=t,
+        t_output=t,
+        y=y,
+        kind="speed",
+        output_unit="rad/s",
+        quantum=None,
+    )
+    found = lowest(ONE_WAY, [record], ONE_WAY.guesses([record]))
+    assert found.theta[2] > 100.0
+
+    end = with_usual_friction(ONE_WAY, [record], found)
+
+    assert 0.0 <= end.theta[2] <= 50.0
+    assert end.theta[0] > 0.0

@@ -45,3 +45,10 @@ def test_noise_alone_is_no_motor() -> None:
     alone = replace(step(random), y=random)
 
     assert poor(alone).severity is Severity.WARNING
+
+
+def test_rounded_counts_that_were_differenced_are_noise_of_the_sensor() -> None:
+    """What one row has too much the next one lacks: neighbours are opposed, not alike."""
+    rounding = np.random.default_rng(4).uniform(-0.5, 0.5, 601)
+
+    assert poor(step(np.diff(rounding))).severity is Severity.INFO

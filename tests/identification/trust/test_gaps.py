@@ -53,3 +53,13 @@ def test_an_input_that_changes_once_has_hardly_changed_there_and_back_in_a_short
 
     assert "gap-input-unknown" not in codes(step)
     assert "gap-input-unknown" in codes(replace(step, u=np.where(rows < 210, 30.0, 100.0)))
+
+
+def test_a_gap_over_which_the_shaft_stood_under_the_same_input_hides_nothing() -> None:
+    rows = np.delete(np.arange(2000), np.arange(300, 330))
+    record = at(rows, 0.002 * rows)
+    u = np.where((rows >= 250) & (rows < 400), 0.05, record.u)
+    stood = np.where((rows >= 280) & (rows < 380), record.y[280], record.y)
+
+    assert "gap-input-unknown" not in codes(replace(record, u=u, y=stood))
+    assert "gap-input-unknown" in codes(replace(record, u=u))

@@ -88,6 +88,13 @@ def test_all_that_is_missing_is_asked_for_at_once_each_with_its_option() -> None
     assert "`sample_time=SECONDS`" in asked[2]
 
 
+@pytest.mark.parametrize("supply", ["batt_voltage", "vbatt", "battery_volts"])
+def test_a_duty_is_asked_about_and_a_battery_is_not(supply: str) -> None:
+    asked = missing(made("m_power", supply, "motor_velocity", motor_velocity="rad/s"))
+
+    assert asked[0] == "which column is the input (perhaps `m_power`): say `input=m_power:UNIT`"
+
+
 def test_the_error_names_the_file() -> None:
     with pytest.raises(MissingInformation, match=r"^made\.csv: information is missing"):
         assign(made("a", "b"))

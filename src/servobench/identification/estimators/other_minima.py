@@ -9,12 +9,14 @@ over n samples are S₀ and S have the odds
 
 and the variance of their mixture has Σ w δ δ' / Σ w more than that of one of them, δ the way from it to the others (model
 averaging: Hoeting, Madigan, Raftery and Volinsky 1999). Of gain and time constant it is the way of their logarithms: where both
-are many times larger at the other end of a valley, K/τ is what is known of them.
+are many times larger at the other end of a valley, K/τ is what is known of them. Under one level u of the input K (u - u_c) is,
+so u_c is moved by what leaves the speed's change as it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -29,6 +31,19 @@ _UNLIKELY = 1e-3  # as odds
 _SAME = 1.0  # standard deviations: ends no farther than that from each other are one minimum
 
 
+@dataclass(frozen=True, kw_only=True)
+class OneLevel:
+    """The only level of the input, in its unit, and where gain and Coulomb voltage are, of which it shows the speed alone."""
+
+    level: float
+    gain: int
+    friction: int
+
+    def speed(self, theta: Array) -> float:
+        """Return K (u - u_c) for parameters theta (P,), in the unit of the output's speed."""
+        return float(theta[self.gain] * (self.level - theta[self.friction]))
+
+
 def other_minima(
     place: Minimum,
     others: Sequence[tuple[Array, float]],
@@ -36,11 +51,13 @@ def other_minima(
     samples: int,
     scales: Sequence[int] = (),
     prior: DelayPrior | None = None,
+    one_level: OneLevel | None = None,
 ) -> Contribution | None:
     """Return the line for ends of a search (theta, cost) that explain n samples nearly as well as the place that is stated.
 
     `covariance` (P, P) is that at the place, `scales` are the indices of gain and time constant. With a `prior` of the delay each
-    has the odds of its own delay, too. None where there are no such ends, or the data don't leave anything over.
+    has the odds of its own delay, too; `one_level` is that of records without another one. None where there are no such ends, or
+    the data don't leave anything over.
     """
     if not place.cost > 0:
         return None
@@ -50,7 +67,7 @@ def other_minima(
     weights: list[float] = []
     for theta, cost in others:
         odds = _odds(place, theta, cost, samples, prior)
-        way = _way(place.theta[:shared], theta[:shared], scales)
+        way = _way(place.theta[:shared], theta[:shared], scales, one_level)
         if odds < _UNLIKELY or not all(_apart(way - other, sd) for other in (np.zeros(shared), *ways)):
             continue
         ways.append(way)
@@ -63,12 +80,15 @@ def other_minima(
     return Contribution(source=SOURCE, covariance=added, reason=reason)
 
 
-def _way(one: Array, other: Array, scales: Sequence[int]) -> Array:
+def _way(one: Array, other: Array, scales: Sequence[int], at: OneLevel | None) -> Array:
     """The way (P,) from one minimum to another, of those parameters by their logarithms as long as they keep their sign."""
     way = other - one
     for n in scales:
         if one[n] * other[n] > 0.0:
             way[n] = one[n] * np.log(other[n] / one[n])
+    if at is not None and one[at.gain] != 0.0:
+        faster = at.speed(other) - at.speed(one)
+        way[at.friction] = ((at.level - one[at.friction]) * way[at.gain] - faster) / one[at.gain]
     return way
 
 

@@ -47,6 +47,8 @@ def with_usual_friction(
     start[lost] = usual * driven
     free = ~np.isin(np.arange(len(start)), (lost, *held))
     likely = lowest(structure, data, (start,), free)
+    if share > 1.0:
+        return likely  # friction that is larger than the input would drive the motor by itself
     worth = sum(
         effective_samples(jacobian_and_residual(record, prediction)[1])
         for record, prediction in zip(data, minimum.predictions, strict=True)

@@ -13,7 +13,12 @@ from servobench.core.errors import UnitError, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
 from servobench.recordings.formats.columns import TIME_NAMES, Heading, heading, quote, time_unit
-from servobench.recordings.formats.likely_units import about_stated_unit, pulse_remedy, unit_examples
+from servobench.recordings.formats.likely_units import (
+    about_stated_unit,
+    is_duty_name,
+    pulse_remedy,
+    unit_examples,
+)
 from servobench.recordings.formats.roles import (
     REFERENCE_NAMES,
     VOLTS_BY_CONVENTION,
@@ -197,7 +202,7 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
         [name for name in possible if plain_name(name) not in REFERENCE_NAMES], role
     )
     if not candidates and role == "input":
-        candidates = [name for name in possible if _COMMAND.search(name.lower())]
+        candidates = [name for name in possible if _COMMAND.search(name.lower()) or is_duty_name(name)]
     moving = [name for name in candidates if _varies(recording[name].values)]
     candidates = moving or candidates
     if candidates:

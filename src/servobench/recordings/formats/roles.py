@@ -69,7 +69,8 @@ REFERENCE_NAMES = frozenset({
 """The names of a loop's possible reference; such a column leads to a question, and is never assumed."""
 
 SUPPLY_NAMES = frozenset({
-    "supply", "supply_voltage", "bus_voltage", "battery", "battery_voltage", "vbat", "vbus", "vin", "v_in", "input_volts",
+    "supply", "supply_voltage", "bus_voltage", "battery", "battery_voltage", "batt", "batt_voltage", "bat_voltage",
+    "battery_volts", "vbat", "vbatt", "v_bat", "v_batt", "vbus", "vin", "v_in", "input_volts",
     "input_voltage", "present_input_voltage", "busvoltage",
 })  # fmt: skip
 """The names of what may feed the amplifier; such a column is asked about, never taken."""

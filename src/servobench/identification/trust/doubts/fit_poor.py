@@ -32,11 +32,14 @@ def _poor(fit: Fit) -> list[Finding]:
 
 
 def _leaves_noise(fit: Fit) -> bool:
-    """Whether neighbours in what is left have nothing in common, and more is explained than chance explains of noise."""
+    """Whether neighbours in what is left have nothing in common, and more is explained than chance explains of noise.
+
+    Those of a difference of counts are even opposed: what one row has too much, the next one lacks.
+    """
     residuals = [record.residual[record.valid] for record in fit.records]
     for residual in residuals:
         rest = residual - residual.mean()
-        if abs(float(rest[1:] @ rest[:-1])) > _BY_CHANCE * float(rest @ rest) / np.sqrt(len(rest)):
+        if float(rest[1:] @ rest[:-1]) > _BY_CHANCE * float(rest @ rest) / np.sqrt(len(rest)):
             return False
     samples, unknown = sum(map(len, residuals)), len(fit.vector)
     left = (1.0 - fit.fit_percent / 100.0) ** 2

@@ -43,7 +43,11 @@ def _unknown_input(data: Dataset) -> list[Finding]:
     gaps = gaps[~_late(data.t_input, gaps, typical)]
     if _came_in_bursts(data, gaps):
         return [_bursts(data, gaps)]
-    unknown = [int(k) for k in gaps if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical))]
+    unknown = [
+        int(k)
+        for k in gaps
+        if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical)) and not _rested(data, int(k))
+    ]
     if not unknown or len(gaps) > _OFTEN * len(steps):
         return []  # none, or the input is logged at several rates
     longest = max(unknown, key=lambda k: float(steps[k]))
@@ -111,6 +115,15 @@ def _may_have_changed(u: Array, k: int, rows: int) -> bool:
     usual = float(np.mean(np.abs(u[span:] - u[:-span])))
     often = np.count_nonzero(np.diff(u)) * rows > _RARELY * len(u)
     return bool(abs(u[k + 1] - u[k]) > least or (often and usual > least))
+
+
+def _rested(data: Dataset, k: int) -> bool:
+    """Whether the input is the same on both sides of the gap behind row k, and a position as well: nothing moved the shaft."""
+    at = np.searchsorted(data.t_output, data.t_input[[k, k + 1]])
+    same = abs(data.u[k + 1] - data.u[k]) <= _CHANGED * float(np.ptp(data.u))
+    if data.kind != "position" or not same or at[1] >= len(data.y):
+        return False
+    return bool(abs(data.y[at[1]] - data.y[at[0]]) <= data.noise)
 
 
 def _scatter_finding(data: Dataset) -> list[Finding]:

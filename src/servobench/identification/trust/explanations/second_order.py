@@ -10,6 +10,7 @@ from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import is_one_event, rings
 
+_STRUCTURE = "rational_2_0_integrator_delay"
 _SWINGS = 0.5  # of critical damping: with more a step overshoots by less than a sixth, and hardly swings
 _PERIODS = 2  # in the longest record: what swings fewer times is anything slow
 _OF_ONE_EVENT = (
@@ -33,8 +34,7 @@ def _second_order(case: Case) -> CauseFit | None:
     how = f"oscillates at about {frequency:.2g} Hz" if swings else "has a second pole"
     sentence = (
         f"The output {how}, which a first-order motor doesn't: a pendulum, a spring, a compliant "
-        "shaft or a feedback controller acts on it. Use a second-order structure, or record the "
-        "motor alone."
+        f"shaft or a feedback controller acts on it. Use `structure={_STRUCTURE}`, or record the motor alone."
     )
     code = "response-oscillates" if swings else "second-pole"
     return CauseFit(
@@ -42,7 +42,7 @@ def _second_order(case: Case) -> CauseFit | None:
         structural=True,
         misfit=regression.misfit,
         chosen=3,
-        structure="rational_2_0_integrator_delay",
+        structure=_STRUCTURE,
     )
 
 
