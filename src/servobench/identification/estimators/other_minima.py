@@ -33,11 +33,14 @@ _SAME = 1.0  # standard deviations: ends no farther than that from each other ar
 
 @dataclass(frozen=True, kw_only=True)
 class OneLevel:
-    """The only level of the input, in its unit, and where gain and Coulomb voltage are, of which it shows the speed alone."""
+    """The only level of the input, which shows the speed alone of gain and Coulomb voltage."""
 
     level: float
+    """In the input's unit."""
     gain: int
+    """The index of the gain among the parameters."""
     friction: int
+    """That of the Coulomb voltage."""
 
     def speed(self, theta: Array) -> float:
         """Return K (u - u_c) for parameters theta (P,), in the unit of the output's speed."""
