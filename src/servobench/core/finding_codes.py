@@ -261,6 +261,8 @@ _TABLE = (
     FindingCode("motor-parameters-told", "Physical parameters follow from the data."),
     FindingCode("motor-parameters-vague", "Some physical parameters are too uncertain to be given.",
         "Change the input often, in both directions."),
+    FindingCode("moves-before-input", "The shaft sets off before the input changes.",
+        "Shift one of the columns, or log both in the same row.", Role.CAUSE),
     FindingCode("name-beginning", "A column was found by the beginning of its name."),
     FindingCode("name-case", "A column was found by its name, ignoring case."),
     FindingCode("name-duplicate", "Column names appear twice; the later ones were renamed."),

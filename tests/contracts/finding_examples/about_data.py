@@ -29,6 +29,12 @@ def _square() -> Dataset:
     return driven(np.where(TIME % 1.0 < 0.5, 2.0, -2.0))
 
 
+def _stepped(late: int) -> Dataset:
+    """A step to 3 V at row 500, which stands in the file so many rows late."""
+    moved, told = (np.where(np.arange(5000) < row, 0.0, 3.0) for row in (500, 500 + late))
+    return replace(driven(moved), u=told)
+
+
 def _clipped() -> Dataset:
     """The sensor ends in the middle of the range."""
     y = _square().y
@@ -267,6 +273,7 @@ EXAMPLES = (
     _example("motion-reversed", lambda: _under_5_volts(-1.0), lambda: _under_5_volts(1.0)),
     _example("motion-stopped", lambda: _against_a_stop(700), lambda: _against_a_stop(1000)),
     _example("motion-too-small", _within_a_count, _square),
+    _example("moves-before-input", lambda: _stepped(25), lambda: _stepped(0)),
     _example("not-at-rest", lambda: _said_to_rest(50), lambda: _said_to_rest(0)),
     _example("output-clipped", _clipped, _square),
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),

@@ -26,6 +26,7 @@ from servobench.identification.estimators.covariance import fixed_b, long_run
 from servobench.identification.estimators.prediction_error import rounding_explains
 from servobench.identification.estimators.residual_correlation import TIED, input_correlation
 from servobench.identification.estimators.sizes import sizes
+from servobench.identification.models.steady import stretches_of_input
 from servobench.identification.uncertainty.experience import (
     FEW_EVENTS,
     MOTORS,
@@ -41,6 +42,7 @@ from servobench.identification.uncertainty.score_test import (
 )
 from servobench.identification.uncertainty.systematic_torque import systematic_share
 from servobench.identification.uncertainty.weak_priors import root_of_covariance
+from servobench.recordings.measurement.dataset import Dataset
 
 _EXPERIENCE = f"{RECORDINGS} recordings of {MOTORS} motors"
 SOURCE: Final = "model error"
@@ -57,6 +59,7 @@ _NOTHING = 1e-9  # of the whole information: what is less is rounding error
 _ALONG = 1e-6  # of a direction's length: what lies along another by less is rounding error
 _BARE = 0.2  # of p/N: what each sample adds to the clock
 _BY_SHAPE = 0.5  # of the friction: the standard deviation of what a reversal's shape tells of it, where the model is wrong
+_CHANGES = 0.2  # of the samples: an input that changes in more of them is held nowhere
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
 
 
@@ -319,17 +322,33 @@ def _turns(u: Array, least: float) -> list[int]:
 
 
 def _of_short_records(fit: Fit, lag: float) -> Array:
-    """The factor (P, P) for the lag's floor [s] if all records end before the motor is at speed.
+    """What the factor (P, P) for the lag's floor [s] has beyond the lag's own, if all ends before the motor is at speed.
 
-    Over a time T the speed bends away from a straight line by T/2τ of itself, so that a model error that moves the lag by a part
-    of itself in a whole step moves it by (τ/T)² of that. The gain goes with it: what is known is the slope K/τ.
+    After a time T under one input the speed is K (1 - e^(-x)), x = T/τ, of what it tends to, which is what a record shows of K:
+    a model error that moves τ by a part of itself moves K by x e^(-x)/(1 - e^(-x)) of that, 1/6 of it after three time constants
+    and all of it in the beginning, where the slope K/τ is known. Over a time T < τ the speed bends away from a straight line by
+    T/2τ of itself, so that the part is (τ/T)² times as large as in a whole step.
     """
     names, theta = fit.model.names, fit.model.theta
+    held = max(_longest_hold(record.data) for record in fit.records) / lag
     longest = max(record.data.duration for record in fit.records)
-    along = np.zeros(len(names))
-    along[names.index("time_constant")] = 1.0
-    along[names.index("gain")] = theta[names.index("gain")] / lag
-    return (max(lag / longest, 1.0) ** 4 - 1.0) * np.outer(along, along)
+    own, along = np.zeros(len(names)), np.zeros(len(names))
+    own[names.index("time_constant")] = along[names.index("time_constant")] = 1.0
+    along[names.index("gain")] = theta[names.index("gain")] / lag * _left(held)
+    return max(lag / longest, 1.0) ** 4 * np.outer(along, along) - np.outer(own, own)
+
+
+def _left(x: float) -> float:
+    """x e^(-x)/(1 - e^(-x)), 1 at x = 0."""
+    return float(-x * np.exp(-x) / np.expm1(-x)) if x > 0 else 1.0
+
+
+def _longest_hold(data: Dataset) -> float:
+    """The longest time [s] under one input, for the whole record where the input changes all the time."""
+    starts, ends = stretches_of_input(data)
+    if len(starts) > _CHANGES * len(data.y):
+        return data.duration
+    return float(np.max(data.t_output[ends - 1] - data.t_output[starts]))
 
 
 def _lag(fit: Fit) -> float:
