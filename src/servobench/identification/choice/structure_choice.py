@@ -306,11 +306,20 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     # A search that hasn't settled and yet is far ahead went on along a valley; the model without rest would only look settled.
     if not worth or not (with_rest.converged or clearly_better(with_rest, one_way)):
         return replace(simple, fits=fits)
-    sentence = "The motor stands still in part of the record, so the model has friction that holds the shaft."
+    sentence = (
+        f"The motor {_rest_in_words(data, begins or stands)}, so the model has friction that holds the shaft."
+    )
     without, with_it = (f"{fit.fit_percent:.2f}" for fit in (one_way, with_rest))
     if float(with_it) > float(without):
         sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
     return _Base(fit=with_rest, findings=(info(_REST, sentence, parameters=("coulomb_voltage",)),), fits=fits)
+
+
+def _rest_in_words(data: Sequence[Dataset], begins: bool) -> str:
+    """What a motor does that friction holds, by its records; `begins`: from their first rows on."""
+    if _stands(data):
+        return "stands still in part of the record"
+    return "starts from rest" if begins else "may stand while its input is small"
 
 
 def _drives(one_way: Fit) -> bool:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from servobench.core.finding import Finding, info, list_text, refusal
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval, share_explained, with_unit
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.motion import steady_speed
+from servobench.identification.models.motion import smooth_speed, steady_speed
 from servobench.identification.models.steady import speeds_by_level
 from servobench.identification.uncertainty.composition import composition
 from servobench.identification.uncertainty.identifiability import (
@@ -21,6 +23,7 @@ from servobench.identification.uncertainty.status_text import in_words
 
 _FOLLOWS = 50.0  # percent of the output: what explains so much shows that the input acts
 _APART = 0.2  # of the larger one: by how much the speeds of records at one level differ at the least
+_ABSURD = 100.0  # times the largest speed over the largest input: the gain of no motor that moved so
 _FEW = 6  # levels that a sentence lists
 _ASKED_FOR = ("gain", "loop_gain", "time_constant")
 
@@ -129,7 +132,15 @@ def _any_gain(gain: ParameterStatus, fit: Fit) -> str:
         if len(_end_speeds(fit)) > 1
         else "Record steps between several levels in open loop, each until the speed settles"
     )
+    speed = max(float(np.abs(smooth_speed(record.data)).max()) for record in fit.records)
+    level = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records)
+    beyond = _ABSURD * speed / level if level else np.inf
+    which = (
+        "any gain"
+        if max(map(abs, gain.estimate.interval)) > beyond
+        else f"any gain from {rounded.low} to {rounded.high} {rounded.unit}"
+    )
     return (
-        f"this model explains {fit.fit_percent:.0f} % of the output, but allows any gain from {rounded.low} to {rounded.high} "
-        f"{rounded.unit} (largest contribution: {widest.source}). {advice}"
+        f"this model explains {fit.fit_percent:.0f} % of the output, but allows {which} (largest contribution: {widest.source}). "
+        f"{advice}"
     )
