@@ -325,17 +325,20 @@ def _of_short_records(fit: Fit, lag: float) -> Array:
     """What the factor (P, P) for the lag's floor [s] has beyond the lag's own, if all ends before the motor is at speed.
 
     After a time T under one input the speed is K (1 - e^(-x)), x = T/τ, of what it tends to, which is what a record shows of K:
-    a model error that moves τ by a part of itself moves K by x e^(-x)/(1 - e^(-x)) of that, 1/6 of it after three time constants
-    and all of it in the beginning, where the slope K/τ is known. Over a time T < τ the speed bends away from a straight line by
-    T/2τ of itself, so that the part is (τ/T)² times as large as in a whole step.
+    a model error that moves τ by a part of itself moves K by x e^(-x)/(1 - e^(-x)) of that, 1/6 of it after three time constants.
+    Over a time T < τ the speed bends away from a straight line by T/2τ of itself, so that the part is (τ/T)² times as large as in
+    a whole step, and all of it goes with K: what is known is the slope K/τ.
     """
     names, theta = fit.model.names, fit.model.theta
     held = max(_longest_hold(record.data) for record in fit.records) / lag
     longest = max(record.data.duration for record in fit.records)
-    own, along = np.zeros(len(names)), np.zeros(len(names))
-    own[names.index("time_constant")] = along[names.index("time_constant")] = 1.0
-    along[names.index("gain")] = theta[names.index("gain")] / lag * _left(held)
-    return max(lag / longest, 1.0) ** 4 * np.outer(along, along) - np.outer(own, own)
+    own = np.zeros(len(names))
+    own[names.index("time_constant")] = 1.0
+    with_gain = np.zeros(len(names))
+    with_gain[names.index("gain")] = theta[names.index("gain")] / lag
+    at_end, at_once = own + _left(held) * with_gain, own + with_gain
+    more = max(lag / longest, 1.0) ** 4 - 1.0
+    return np.outer(at_end, at_end) - np.outer(own, own) + more * np.outer(at_once, at_once)
 
 
 def _left(x: float) -> float:
