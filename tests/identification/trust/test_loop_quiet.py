@@ -13,7 +13,7 @@ from servobench.identification.result import Result
 STEP, LAW = 0.005, 0.02
 
 
-def loop(references: Array, noise: float) -> Result:
+def loop(references: Array, noise: float, structure: str = "auto") -> Result:
     """What is said of a motor of 50 rad/(s·V) with a time constant of 30 ms and a delay of 15 ms, under u = 0.02 (r - y)."""
     random = np.random.default_rng(3)
     t = STEP * np.arange(len(references))
@@ -26,7 +26,12 @@ def loop(references: Array, noise: float) -> Result:
         u[n] = LAW * (references[n] - y[n])
     arrays = {"voltage": u, "speed": y, "reference": references}
     return sb.identify(
-        arrays, input="voltage:V", output="speed:rad/s", reference="reference:rad/s", sample_time=STEP
+        arrays,
+        input="voltage:V",
+        output="speed:rad/s",
+        reference="reference:rad/s",
+        sample_time=STEP,
+        structure=structure,
     )
 
 
@@ -47,3 +52,9 @@ def test_a_reference_of_several_levels_tells_the_motor() -> None:
     assert result.verdict is not Verdict.REFUSED
     assert result.fit is not None
     assert result.fit["gain"].interval[0] < 50.0 < result.fit["gain"].interval[1]
+
+
+def test_a_structure_without_a_gain_has_no_law_to_be_taken_for() -> None:
+    result = loop(np.full(300, 6.28), 0.1, "rational_2_0_integrator_delay")
+
+    assert not any("law read backward" in each.sentence for each in result.findings)

@@ -98,15 +98,14 @@ def _misfit_behind_lag(y: Array, u: Array, t: Array, lag: float, kind: str, as_s
     speed = np.append(0.0, first_order_recursion(decay, ((1.0 - decay) * u[:-1])[:, None])[:, 0])
     columns = [speed, np.ones_like(speed), np.exp(-(t - t[0]) / lag)]
     if kind == "position":
-        turned = (
-            np.append(0.0, np.cumsum(u[:-1] * steps)) - lag * speed
-        )  # the integral of a speed that starts at zero
+        # The integral of a speed that starts at zero.
+        turned = np.append(0.0, np.cumsum(u[:-1] * steps)) - lag * speed
         columns = [turned, *columns[1:], t - t[0]]
     matrix = np.column_stack(columns)
     if as_speed:
         matrix, y = np.diff(matrix, axis=0) / steps[:, None], np.diff(y) / steps
-    rest = y - matrix @ np.linalg.lstsq(matrix, y, rcond=None)[0]
-    return float(np.sum(rest**2) / np.sum((y - y.mean()) ** 2))
+    rest, total = y - matrix @ np.linalg.lstsq(matrix, y, rcond=None)[0], float(np.sum((y - y.mean()) ** 2))
+    return float(np.sum(rest**2)) / total if total > 0 else 1.0
 
 
 DOUBTS.member("chance")(Doubt(codes=("fit-by-chance",), about_fit=_about_fit))

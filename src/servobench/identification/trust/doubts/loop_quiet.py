@@ -45,7 +45,9 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
 def _is_law_backward(fit: Fit, record: FittedRecord) -> bool:
     """Whether a fit is y = r - u/k without a lag, u = k (r - y) being what a controller makes of speed y and one reference r."""
     data = record.data
-    if data.kind != "speed" or fit.model["time_constant"] > _AT_ONCE * data.sample_time:
+    if data.kind != "speed" or not {"gain", "time_constant"} <= set(fit.model.names):
+        return False
+    if fit.model["time_constant"] > _AT_ONCE * data.sample_time:
         return False
     u, begun = row_by_row(data)
     if not alike(u[begun:], data.y[begun:]):
