@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -93,6 +94,13 @@ def test_friction_that_differs_by_direction_is_found() -> None:
     truth = OddMotor(drag_asymmetry=0.002, offset=0.02)
     result = identify(odd_record(truth, 4, samples=2500))
     assert codes(result) & RUNGS == {"friction-asymmetric"}
+    # K/(1 + 23.8 · 0.002) and K/(1 - 23.8 · 0.002)
+    [sentence] = [each.sentence for each in result.findings if each.code == "friction-asymmetric"]
+    forward, backward = (
+        float(word) for word in re.findall(r"([\d.]+)(?: rad/\(s·V\) forward| backward\.)", sentence)
+    )
+    assert forward == pytest.approx(23.8 / 1.0476, rel=0.01)
+    assert backward == pytest.approx(23.8 / 0.9524, rel=0.01)
     check(
         result,
         gain=23.8,
@@ -445,3 +453,15 @@ def test_gravity_is_not_looked_for_between_the_rows(gain: float, tried: str) -> 
     [chosen] = [each.sentence for each in result.findings if each.code == "structure-chosen"]
     assert "gravity on an arm or a pendulum (" in chosen
     assert tried in chosen
+
+
+@pytest.mark.parametrize(
+    ("rest", "words"), [(1, "starts from rest"), (100, "stands still in part of the record")]
+)
+def test_what_a_motor_does_that_friction_holds_is_said_as_it_is(rest: int, words: str) -> None:
+    """A step from rest in the first row, and after a fifth of the record."""
+    u = np.where(np.arange(500) < rest, 0.0, 3.0)
+    result = identify(replace(dataset(seed=1, samples=500, u=u), input_before=0.0, starts_at_rest=True))
+
+    [sentence] = [each.sentence for each in result.findings if each.code == "rest-found"]
+    assert words in sentence

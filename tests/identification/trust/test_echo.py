@@ -109,3 +109,12 @@ def test_a_speed_that_passes_the_inputs_value_on_its_way_has_not_settled_there(
     )
 
     assert ("input-settles-at-output" in codes(driven)) == told
+
+
+def test_rows_before_a_controller_begins_have_no_part_in_its_law(stepped: Dataset) -> None:
+    """A first row without a voltage, and then one in proportion to the speed."""
+    speed = np.gradient(stepped.y, stepped.t_output)
+    u = np.where(np.arange(len(speed)) < 1, 0.0, 5.0 - 0.3 * speed)
+    record = replace(stepped, y=speed, kind="speed", output_unit="rad/s", quantum=None, u=u, reference=None)
+
+    assert codes(record) == {"input-is-output"}

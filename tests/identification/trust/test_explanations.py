@@ -96,13 +96,32 @@ def test_of_two_halves_of_an_amplifier_the_ratio_is_given_and_no_level_is_blamed
     levels = np.repeat([-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0], 4)
     u = np.repeat(np.random.default_rng(1).permutation(levels), 100)
 
-    [found] = explain([told(u, np.where(u < 0.0, ratio * u, u))])
+    record = told(u, np.where(u < 0.0, ratio * u, u))
+
+    [found] = explain([record])
+    [mirrored] = explain([replace(record, y=-record.y)])
 
     assert found.code == "directions-differ"
+    assert mirrored.sentence == found.sentence  # whichever way the shaft turns under a positive input
     percent = 100.0 * (1.0 - min(ratio, 1.0 / ratio))
     size = float(found.sentence.split("gain is ")[1].split(" %")[0])
     assert size == pytest.approx(percent, abs=0.2 * percent)
-    assert ("smaller backward" in found.sentence) == (ratio < 1.0)
+    assert ("smaller for negative inputs" in found.sentence) == (ratio < 1.0)
+
+
+@pytest.mark.parametrize(("damping", "code"), [(0.2, "response-oscillates"), (0.7, "second-pole")])
+def test_a_pair_of_poles_oscillates_only_where_it_is_hardly_damped(damping: float, code: str) -> None:
+    """Steps of a shaft on poles of 4 Hz: beyond half of critical damping nobody sees it swing."""
+    u = np.repeat(np.random.default_rng(2).uniform(-3.0, 3.0, 12), 250)
+    step, rate, speed, own = 0.002, 0.0, np.zeros(3000), 2 * np.pi * 4.0
+    for n in range(1, 3000):
+        rate += step * (own**2 * (20.0 * u[n - 1] - speed[n - 1]) - 2.0 * damping * own * rate)
+        speed[n] = speed[n - 1] + step * rate
+    record = replace(
+        dataset(seed=1, samples=3000, u=u), y=speed, kind="speed", output_unit="rad/s", quantum=None
+    )
+
+    assert [finding.code for finding in explain([record])] == [code]
 
 
 def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing() -> None:

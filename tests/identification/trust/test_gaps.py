@@ -63,3 +63,14 @@ def test_a_gap_over_which_the_shaft_stood_under_the_same_input_hides_nothing() -
 
     assert "gap-input-unknown" not in codes(replace(record, u=u, y=stood))
     assert "gap-input-unknown" in codes(replace(record, u=u))
+
+
+@pytest.mark.parametrize("apart", [-0.0006, 0.0, 0.0006])
+def test_a_shaft_that_turns_on_over_a_gap_did_not_stand(apart: float) -> None:
+    """Whether the outputs are stamped a little before the inputs or after them."""
+    rows = np.delete(np.arange(2000), np.arange(300, 330))
+    record = at(rows, 0.002 * rows)
+    u = np.where((rows >= 250) & (rows < 400), 0.05, record.u)
+    turning = 0.002 * rows + 0.01 * np.arange(len(rows)) % 2
+
+    assert "gap-input-unknown" in codes(replace(record, u=u, y=turning, t_output=record.t_output + apart))

@@ -89,3 +89,20 @@ def test_a_speed_that_has_settled_is_no_position_although_no_motor_of_one_time_c
 
     assert not told(result)
     assert result.verdict is not Verdict.REFUSED
+
+
+@pytest.mark.parametrize(
+    "inputs", [[-5.0] * 40 + [0.0] * 5 + [5.0] * 80, [0.0] * 20 + [2.5] * 50 + [5.0] * 60 + [0.0]]
+)
+def test_a_speed_that_only_grows_is_still_no_position(inputs: list[float]) -> None:
+    """A reversal, and a last row in which the logger has stopped the motor: the speed doesn't fall in either."""
+    u = np.array(inputs)
+    speed = np.zeros(len(u))
+    speed[0] = 20.0 * u[0]
+    for n in range(1, len(u)):
+        speed[n] = speed[n - 1] + (20.0 * u[n - 1] - speed[n - 1]) * (1 - np.exp(-0.02 / 0.3))
+    result = identify(
+        {"u": u, "position": np.round(speed)}, input="u:V", output="position:counts", sample_time=0.02
+    )
+
+    assert told(result)

@@ -58,3 +58,24 @@ def test_a_structure_without_a_gain_has_no_law_to_be_taken_for() -> None:
     result = loop(np.full(300, 6.28), 0.1, "rational_2_0_integrator_delay")
 
     assert not any("law read backward" in each.sentence for each in result.findings)
+
+
+def test_a_fast_motor_that_follows_a_ramp_at_once_is_its_own() -> None:
+    """Rows twice as far apart as its time constant, and a PI controller: each speed is 50 times the voltage before it."""
+    step, speed, integral = 0.01, 0.0, 0.0
+    references = 20.0 * step * np.arange(400)
+    u, y = np.zeros(400), np.zeros(400)
+    for n in range(1, 400):
+        speed += (50.0 * u[n - 1] - speed) * (1 - np.exp(-step / 0.005))
+        y[n] = speed
+        integral += step * (references[n] - y[n])
+        u[n] = 0.004 * (references[n] - y[n]) + 0.5 * integral
+    result = sb.identify(
+        {"voltage": u, "speed": y, "reference": references},
+        input="voltage:V",
+        output="speed:rad/s",
+        reference="reference:rad/s",
+        sample_time=step,
+    )
+
+    assert not any("law read backward" in each.sentence for each in result.findings)

@@ -67,3 +67,19 @@ def test_a_motor_that_runs_already_is_not() -> None:
     running = np.where(rows < AT, 1.0, 3.0)
 
     assert said(replace(stepped(0), u=running, y=dataset(seed=1, samples=ROWS, u=running).y)) == []
+
+
+def test_an_input_that_is_logged_more_rarely_comes_within_its_own_step() -> None:
+    """Every fiftieth input, in each of which the step may have come."""
+    record = stepped(0)
+    rows = np.arange(ROWS)
+    rare = np.where((rows[::50] > AT), 3.0, 0.0)
+
+    assert said(replace(record, t_input=STEP * rows[::50], u=rare)) == []
+
+
+def test_a_controller_answers_to_what_moves_the_shaft() -> None:
+    record = stepped(20)
+
+    assert said(record)
+    assert said(replace(record, reference=np.zeros(ROWS), reference_unit="rad")) == []

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from servobench.core.finding import Severity
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
@@ -51,6 +52,8 @@ def test_rows_at_the_steps_of_a_sensor_are_told_from_a_coarse_one(data: Dataset,
 
     assert finding.code == "resolution-coarse"
     assert finding.sentence.startswith(beginning)
+    # What has a time for each step isn't rounded, and no doubt.
+    assert (finding.severity is Severity.INFO) == (data.quantum == STEP and is_sampled_by_edges(data, STEP))
 
 
 def test_a_step_in_each_row_at_even_times_is_an_even_motion() -> None:

@@ -220,12 +220,16 @@ def test_parameters_that_exact_readings_tell_together_only_are_no_error(seed: in
     assert slope @ found.covariance @ slope < (1e-6 * found.model["gain"] * left) ** 2
 
 
+@pytest.mark.parametrize("rest", [0.0, 0.5, 2.0])
 @pytest.mark.parametrize("ends", [0.15, 0.2])
-def test_a_speed_that_a_step_hasn_t_reached_yet_is_as_uncertain_as_its_time_constant(ends: float) -> None:
+def test_a_speed_that_a_step_hasn_t_reached_yet_is_as_uncertain_as_its_time_constant(
+    ends: float, rest: float
+) -> None:
     """A fifth of the way takes four times as long as the rest, as beside a belt that warms up; the settled speed is 60 rad/s."""
-    t = 0.002 * np.arange(round(ends / 0.002))
-    way = 60.0 * (t - 0.8 * 0.1 * -np.expm1(-t / 0.1) - 0.2 * 0.4 * -np.expm1(-t / 0.4))
-    counts = {"u": np.full(len(t), 3.0), "angle": np.floor(way / QUANTUM)}
+    t = 0.002 * np.arange(-round(rest / 0.002), round(ends / 0.002))
+    on = np.maximum(t, 0.0)
+    way = 60.0 * (on - 0.8 * 0.1 * -np.expm1(-on / 0.1) - 0.2 * 0.4 * -np.expm1(-on / 0.4))
+    counts = {"u": np.where(t >= 0.0, 3.0, 0.0), "angle": np.floor(way / QUANTUM)}
     result = identify(
         counts,
         input="u:V",

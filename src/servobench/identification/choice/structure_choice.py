@@ -319,7 +319,7 @@ def _rest_in_words(data: Sequence[Dataset], begins: bool) -> str:
     """What a motor does that friction holds, by its records; `begins`: from their first rows on."""
     if _stands(data):
         return "stands still in part of the record"
-    return "starts from rest" if begins else "may stand while its input is small"
+    return "starts from rest" if begins else "may have stood for a while"
 
 
 def _drives(one_way: Fit) -> bool:

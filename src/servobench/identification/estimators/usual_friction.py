@@ -29,6 +29,8 @@ def with_usual_friction(
 ) -> Minimum:
     """Return the minimum, or one with a usual friction, as good within chance, where one level of the input moved the motor.
 
+    A constant that is larger than the input, so that the gain has the wrong sign, gives way however well it fits.
+
     The entries of the joint vector with the numbers `held` stay as they are.
     """
     names = [parameter.name for parameter in structure.parameters]
@@ -48,7 +50,7 @@ def with_usual_friction(
     free = ~np.isin(np.arange(len(start)), (lost, *held))
     likely = lowest(structure, data, (start,), free)
     if share > 1.0:
-        return likely  # friction that is larger than the input would drive the motor by itself
+        return likely  # without an input it would turn faster, and the other way round of what its gain says
     worth = sum(
         effective_samples(jacobian_and_residual(record, prediction)[1])
         for record, prediction in zip(data, minimum.predictions, strict=True)

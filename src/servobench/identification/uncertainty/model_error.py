@@ -347,11 +347,19 @@ def _left(x: float) -> float:
 
 
 def _longest_hold(data: Dataset) -> float:
-    """The longest time [s] under one input, for the whole record where the input changes all the time."""
+    """The longest time [s] under one input that drives the motor, and all the time from the first one on where it never stays.
+
+    What a motor does before a step, or as it runs down, doesn't show what the step leads to.
+    """
     starts, ends = stretches_of_input(data)
-    if len(starts) > _CHANGES * len(data.y):
+    u = data.input_at_output
+    drives = np.abs(u) > _LEVEL * float(np.abs(u).max(initial=0.0))
+    if not drives.any():
         return data.duration
-    return float(np.max(data.t_output[ends - 1] - data.t_output[starts]))
+    if len(starts) > _CHANGES * len(data.y):
+        return float(data.t_output[-1] - data.t_output[int(np.argmax(drives))])
+    driven = drives[starts]
+    return float(np.max(data.t_output[ends[driven] - 1] - data.t_output[starts[driven]]))
 
 
 def _lag(fit: Fit) -> float:

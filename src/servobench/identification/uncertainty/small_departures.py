@@ -6,6 +6,9 @@
 - *A dead band.* An amplifier, or the software before it, passes nothing until the input is large enough, and then that much less.
   While the shaft turns as the input says, friction costs as much; where the input has changed its sign and the shaft hasn't, it
   doesn't. Under one size of input the gain is that between its levels, dead band included.
+- *A driver that lets go.* Without an input many drivers leave the motor open, so that its winding, which lost ω/K of the input,
+  brakes it no longer; the bearings still do, by about a tenth of that. Where gain and friction are told apart by a run-down
+  alone, that makes all the difference.
 - *Play in a gear.* The output rests until the gap is used up, then follows. In a record of a few degrees of travel that looks
   like less friction and less gain.
 
@@ -33,7 +36,7 @@ _TYPICAL = 0.5  # of the largest play, for the same reason
 
 
 def with_small_departures(fit: Fit) -> Fit:
-    """Return the fit with lines of its budget for a winding that warms up, a dead band, and play in a gear.
+    """Return the fit with lines of its budget for a warmer winding, a dead band, a driver that lets go, and play in a gear.
 
     The same where the model isn't first order, or nothing is left over.
     """

@@ -116,7 +116,7 @@ def try_rung(
 def _is_between_rows(data: Sequence[Dataset]) -> bool:
     """Whether most of what repeats with each turn happens between the rows: of such a wave they show another one's alias."""
     turns = [np.diff(each.y) for each in data if each.kind == "position" and each.position_unit == "rad"]
-    return bool(turns) and float(np.median(np.abs(np.concatenate(turns)))) > np.pi
+    return any(map(len, turns)) and float(np.median(np.abs(np.concatenate(turns)))) > np.pi
 
 
 def _early_doubt(term: str, is_significant: bool, richer: Fit, plain: Fit, fit: Fit) -> str:

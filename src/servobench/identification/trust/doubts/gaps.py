@@ -119,11 +119,12 @@ def _may_have_changed(u: Array, k: int, rows: int) -> bool:
 
 def _rested(data: Dataset, k: int) -> bool:
     """Whether the input is the same on both sides of the gap behind row k, and a position as well: nothing moved the shaft."""
-    at = np.searchsorted(data.t_output, data.t_input[[k, k + 1]])
+    begin, end = data.t_input[[k, k + 1]]
+    after = int(np.searchsorted(data.t_output, 0.5 * (begin + end)))
     same = abs(data.u[k + 1] - data.u[k]) <= _CHANGED * float(np.ptp(data.u))
-    if data.kind != "position" or not same or at[1] >= len(data.y):
+    if data.kind != "position" or not same or not 0 < after < len(data.y):
         return False
-    return bool(abs(data.y[at[1]] - data.y[at[0]]) <= data.noise)
+    return bool(abs(data.y[after] - data.y[after - 1]) <= data.noise)
 
 
 def _scatter_finding(data: Dataset) -> list[Finding]:

@@ -24,7 +24,9 @@ _LEFT = 0.5  # of the misfit may be left of an output taken as what it is
 _NEAR = 4.0  # times the misfit that is wanted: a guess that leaves more isn't refined
 _LONG = 20  # samples under one input
 _HARDLY = 0.1  # of the way in a stretch: a position would go a quarter of it at a steady speed
-_FALL = 0.5  # of the largest input: a speed shows it
+_FALL = 0.5  # of the largest input so far: a speed shows it
+_FEW_LOW = 3  # samples of such an input
+_CLEAR = 3.0  # times the noise, by which a position goes on meanwhile
 _ENOUGH = 5000  # samples to tell the two kinds apart
 _BEHAVES = {
     "position": "it goes on growing while the input stands still",
@@ -77,13 +79,18 @@ def _comes_to_rest(data: Dataset) -> bool:
 
 
 def _goes_on(data: Dataset) -> bool:
-    """Whether the output never comes back, by no more than noise, although the input falls by half of its range or more."""
-    forward = 1.0 if data.y[-1] >= data.y[0] else -1.0
-    way = forward * data.y
-    drive = np.abs(data.u)
-    fell = float(np.max(np.maximum.accumulate(drive) - drive, initial=0.0))
-    back = float(np.max(np.maximum.accumulate(way) - way, initial=0.0))
-    return fell >= _FALL * float(np.max(drive, initial=0.0)) > 0 and back <= data.noise
+    """Whether the output never comes back, beside noise, and goes on while the input is at most half as large as it was.
+
+    A speed whose input falls falls as well; one that turns round grows all the time, as its input does.
+    """
+    way = (data.y - data.y[0]) * (1.0 if data.y[-1] >= data.y[0] else -1.0)
+    if float(np.max(np.maximum.accumulate(way) - way, initial=0.0)) > data.noise:
+        return False
+    u = data.input_at_output
+    drive = u if abs(u.max(initial=0.0)) >= abs(u.min(initial=0.0)) else -u
+    low = drive < (1.0 - _FALL) * np.maximum.accumulate(drive)
+    went = np.diff(way, prepend=way[:1])[low]
+    return bool(np.count_nonzero(low) >= _FEW_LOW and float(went.sum()) > _CLEAR * data.noise)
 
 
 def _way_out(data: Dataset) -> str:

@@ -50,10 +50,16 @@ def _is_law_backward(fit: Fit, record: FittedRecord) -> bool:
     if fit.model["time_constant"] > _AT_ONCE * data.sample_time:
         return False
     u, begun = row_by_row(data)
-    if not alike(u[begun:], data.y[begun:]):
+    u, y = u[begun:], data.y[begun:]
+    if data.reference is None or not alike(u, y):
         return False
-    law = np.polyfit(data.y[begun:], u[begun:], 1)
-    return abs(fit.model["gain"] * float(law[0]) - 1.0) < _BACKWARD
+    reference = np.interp(data.t_output[begun:], data.t_input, data.reference)
+    slope, offset = np.polyfit(y, u, 1)
+    near = _BACKWARD * float(np.ptp(np.append(y, reference)))
+    one_reference = (
+        float(np.ptp(reference)) <= near and abs(-offset / slope - float(np.median(reference))) <= near
+    )
+    return bool(one_reference and abs(fit.model["gain"] * float(slope) - 1.0) < _BACKWARD)
 
 
 DOUBTS.member("loop_quiet")(Doubt(codes=("loop-tells-little",), about_fit=_loop_quiet))

@@ -43,7 +43,6 @@ def _dead_zone(case: Case) -> CauseFit | None:
         finding=warning("dead-zone", sentence, parameters=("gain", "coulomb_voltage")),
         misfit=best_regression.misfit,
         chosen=1,
-        change=abs(float(best_regression.coefficients[1] / (case.plain.coefficients[1] or np.nan)) - 1.0),
         remedy=lambda data: replace(data, u=without_zone(data.u, width), reference=None),
     )
 

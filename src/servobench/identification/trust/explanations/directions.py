@@ -17,6 +17,9 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _LARGEST = 0.5  # of the gain: by more no two directions of one motor differ, and something else is wrong
 
+_OF_INPUTS = ("for negative inputs", "for positive ones")
+_OF_MOTION = ("backward", "forward")
+
 
 def _directions(case: Case) -> CauseFit | None:
     """Whether K (1 + ε s) u makes the equation hold, s the sign of the input or of the motion, whichever explains more.
@@ -32,15 +35,11 @@ def _directions(case: Case) -> CauseFit | None:
     if not 0.0 < abs(share) < _LARGEST:
         return None
     less = 2.0 * abs(share) / (1.0 + abs(share))
-    way, other = ("backward", "forward") if share > 0.0 else ("forward", "backward")
-    cause = (
-        "the amplifier's halves differ"
-        if differing is by_input
-        else "the motor or its amplifier isn't symmetric"
-    )
+    ways = _OF_INPUTS if differing is by_input else _OF_MOTION
+    smaller, larger = ways if share > 0.0 else ways[::-1]
     sentence = (
-        f"The gain is {plain(100 * less, 2)} % smaller {way} than {other}: {cause}. One gain for both is their mean; identify "
-        "each direction by itself."
+        f"The gain is {plain(100 * less, 2)} % smaller {smaller} than {larger}: the amplifier's halves differ, or the motor "
+        "isn't symmetric. One gain for both is their mean; identify each direction by itself."
     )
     return CauseFit(
         finding=warning("directions-differ", sentence, parameters=("gain",)),
