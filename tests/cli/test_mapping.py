@@ -41,7 +41,7 @@ def test_a_mapping_is_proposed_edited_and_used(servobench: Command, log: Path, t
     for line, edited in (
         ('# input = "COL:UNIT"', 'input = "load:PWM/885"'),
         ('# output = "COL:UNIT"', 'output = "wheel:rad/s"'),
-        ('# supply = "12 V"', 'supply = "batt:V"'),
+        ('# supply = "batt:UNIT"', 'supply = "batt:V"'),
         ('# chain = "none"', 'chain = "none"'),
     ):
         assert line in text

@@ -336,12 +336,12 @@ def _of_short_records(fit: Fit, lag: float) -> Array:
     own[names.index("time_constant")] = 1.0
     with_gain = np.zeros(len(names))
     with_gain[names.index("gain")] = theta[names.index("gain")] / lag
-    at_end, at_once = own + _left(held) * with_gain, own + with_gain
+    at_end, at_once = own + _share_to_come(held) * with_gain, own + with_gain
     more = max(lag / longest, 1.0) ** 4 - 1.0
     return np.outer(at_end, at_end) - np.outer(own, own) + more * np.outer(at_once, at_once)
 
 
-def _left(x: float) -> float:
+def _share_to_come(x: float) -> float:
     """x e^(-x)/(1 - e^(-x)), 1 at x = 0."""
     return float(-x * np.exp(-x) / np.expm1(-x)) if x > 0 else 1.0
 

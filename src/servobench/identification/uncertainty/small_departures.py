@@ -51,7 +51,7 @@ def with_small_departures(fit: Fit) -> Fit:
         lost = _BAND / SMALL * _columns(test, _dead_band(fit))
         lines.append((lost, "a dead band", "the amplifier may lose up to 5 % of the largest input near zero"))
     if any(np.any(record.data.u == 0.0) for record in fit.records):
-        let_go = _FREE / SMALL * _columns(test, _letting_go(fit.model["gain"], largest))
+        let_go = _FREE / SMALL * _columns(test, _free_wheel(fit.model["gain"], largest))
         lines.append(
             (
                 let_go,
@@ -84,13 +84,13 @@ def _warming(gain: float, largest: float) -> Term:
     return Term(code="motor-changes", name="a motor that warms up", sentence="", to_input=drop)
 
 
-def _letting_go(gain: float, largest: float) -> Term:
+def _free_wheel(gain: float, largest: float) -> Term:
     """The input that takes the place of the winding's braking while there is no input, in parts of the largest [input unit]."""
 
-    def held(motion: Motion) -> tuple[Array, ...]:
+    def open_winding(motion: Motion) -> tuple[Array, ...]:
         return (np.where(motion.input == 0.0, motion.fastest / (gain * largest) * motion.speed, 0.0),)
 
-    return Term(code="coasts", name="a driver that lets go", sentence="", to_input=held)
+    return Term(code="coasts", name="a driver that lets go", sentence="", to_input=open_winding)
 
 
 def _behind_a_gap(motion: Motion) -> tuple[Array, ...]:

@@ -46,7 +46,7 @@ def _unknown_input(data: Dataset) -> list[Finding]:
     unknown = [
         int(k)
         for k in gaps
-        if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical)) and not _rested(data, int(k))
+        if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical)) and not _is_rest(data, int(k))
     ]
     if not unknown or len(gaps) > _OFTEN * len(steps):
         return []  # none, or the input is logged at several rates
@@ -117,7 +117,7 @@ def _may_have_changed(u: Array, k: int, rows: int) -> bool:
     return bool(abs(u[k + 1] - u[k]) > least or (often and usual > least))
 
 
-def _rested(data: Dataset, k: int) -> bool:
+def _is_rest(data: Dataset, k: int) -> bool:
     """Whether the input is the same on both sides of the gap behind row k, and a position as well: nothing moved the shaft."""
     begin, end = data.t_input[[k, k + 1]]
     after = int(np.searchsorted(data.t_output, 0.5 * (begin + end)))

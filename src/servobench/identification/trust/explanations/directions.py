@@ -59,10 +59,10 @@ def _of_amplifier(data: Dataset, share: float) -> Dataset:
 def _of_motor(data: Dataset, share: float) -> Dataset:
     """The record of a motor that is alike in both directions, with an input that is greater by that share forward."""
     sense = directions(data)
-    return with_extra(data, lambda t, u: share * u * _held(t, data.t_output, sense))
+    return with_extra(data, lambda t, u: share * u * _sense_at(t, data.t_output, sense))
 
 
-def _held(t: Array, at: Array, sense: Array) -> Array:
+def _sense_at(t: Array, at: Array, sense: Array) -> Array:
     """The sense of motion at times t (N,) [s], from those at the times `at` (M,) [s]."""
     return np.asarray(sense[np.minimum(np.searchsorted(at, t), len(at) - 1)], dtype=np.float64)
 

@@ -23,7 +23,7 @@ _FINE = 8  # parts of a sample time, in which a speed that falls is held
 _FREE = 0.5  # of what the winding brakes a motor with: as much of it has to be missing where a driver lets go
 
 
-def _running_free(case: Case) -> CauseFit | None:
+def _free_run(case: Case) -> CauseFit | None:
     """Whether a motor that is faster than its input would make it feels neither: τ ω' + (1 - α) ω = (K - β) u - ... there.
 
     A driver whose current can't turn round lets go of such a motor. Where that is needs K, which is found in turn with it.
@@ -76,11 +76,11 @@ def _with_hold(data: Dataset, gain: float, braking: float, driving: float) -> Da
     steps = np.arange(_FINE) / _FINE
     between = (data.t_output[:-1, None] + np.diff(data.t_output)[:, None] * steps).ravel()
 
-    def missing(t: Array, u: Array) -> Array:
+    def brake_input(t: Array, u: Array) -> Array:
         w = np.interp(t, data.t_output, speed)
         return np.where(_is_let_go(w, u, gain), (braking * w + driving * u) / gain, 0.0)
 
-    return with_extra(data, missing, between)
+    return with_extra(data, brake_input, between)
 
 
-EXPLANATIONS.member("running_free")(_running_free)
+EXPLANATIONS.member("running_free")(_free_run)
