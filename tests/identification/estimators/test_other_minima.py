@@ -8,7 +8,8 @@ import pytest
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.delay_prior import DelayPrior
 from servobench.identification.estimators.least_squares import Minimum
-from servobench.identification.estimators.other_minima import OneLevel, other_minima
+from servobench.identification.estimators.other_minima import other_minima
+from servobench.identification.models.level import OneLevel
 
 COVARIANCE = np.diag([0.01, 0.04])
 

@@ -16,7 +16,6 @@ so u_c is moved by what leaves the speed's change as it is.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -25,26 +24,11 @@ from servobench.core.channels import Array
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.delay_prior import DelayPrior
 from servobench.identification.estimators.least_squares import Minimum
+from servobench.identification.models.level import OneLevel
 
 SOURCE: Final = "another minimum"
 _UNLIKELY = 1e-3  # as odds
 _SAME = 1.0  # standard deviations: ends no farther than that from each other are one minimum
-
-
-@dataclass(frozen=True, kw_only=True)
-class OneLevel:
-    """The only level of the input, which shows the speed alone of gain and Coulomb voltage."""
-
-    level: float
-    """In the input's unit."""
-    gain: int
-    """The index of the gain among the parameters."""
-    friction: int
-    """That of the Coulomb voltage."""
-
-    def speed(self, theta: Array) -> float:
-        """Return K (u - u_c) for parameters theta (P,), in the unit of the output's speed."""
-        return float(theta[self.gain] * (self.level - theta[self.friction]))
 
 
 def other_minima(

@@ -42,12 +42,12 @@ from servobench.identification.estimators.least_squares import (
 )
 from servobench.identification.estimators.near_bounds import intervals_near_bounds
 from servobench.identification.estimators.one_sine import with_neighbours
-from servobench.identification.estimators.other_minima import OneLevel, other_minima
+from servobench.identification.estimators.other_minima import other_minima
 from servobench.identification.estimators.repetition import fold, period, repeats
 from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
 from servobench.identification.estimators.usual_friction import with_usual_friction
 from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure, as_protocol
-from servobench.identification.models.level import single_level
+from servobench.identification.models.level import one_level
 from servobench.recordings.measurement.dataset import Dataset
 
 _ROUNDED = 1e-3  # of two standard deviations: halves of a covariance that differ by more are rounding error
@@ -150,19 +150,8 @@ def _roughly(
     )
     samples = sum(int(each.valid.sum()) for each in minimum.predictions)
     scales = [n for n, each in enumerate(structure.parameters) if each.name in ("gain", "time_constant")]
-    apart = other_minima(minimum, ends, covariance, samples, scales, prior, _one_level(structure, data))
+    apart = other_minima(minimum, ends, covariance, samples, scales, prior, one_level(structure, data))
     return (fit.widen(apart) if apart else fit), minimum, used
-
-
-def _one_level(structure: Structure, data: Sequence[Dataset]) -> OneLevel | None:
-    """The only level of the input, where there is one and the structure has a gain and a Coulomb voltage."""
-    names = [each.name for each in structure.parameters]
-    level = single_level(data) if {"gain", "coulomb_voltage"} <= set(names) else None
-    if level is None:
-        return None
-    # Friction brakes whichever way the shaft turns; the constant of a motor that turns one way has a sign.
-    driven = abs(level) if structure.friction else level
-    return OneLevel(level=driven, gain=names.index("gain"), friction=names.index("coulomb_voltage"))
 
 
 def simulations(

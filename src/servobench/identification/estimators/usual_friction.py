@@ -16,7 +16,7 @@ import numpy as np
 from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.least_squares import Minimum, jacobian_and_residual, lowest
 from servobench.identification.models.base import Structure
-from servobench.identification.models.level import single_level
+from servobench.identification.models.level import one_level
 from servobench.recordings.measurement.dataset import Dataset
 
 _LARGEST = 0.5  # of the level: motors that lose more of it to friction hardly turn
@@ -33,13 +33,10 @@ def with_usual_friction(
 
     The entries of the joint vector with the numbers `held` stay as they are.
     """
-    names = [parameter.name for parameter in structure.parameters]
-    level = single_level(data) if {"gain", "coulomb_voltage"} <= set(names) else None
-    if not level:
+    at = one_level(structure, data)
+    if at is None or at.level == 0.0:
         return minimum
-    gain, lost = names.index("gain"), names.index("coulomb_voltage")
-    # Friction brakes whichever way the shaft turns; the constant of a motor that turns one way has a sign.
-    driven = abs(level) if structure.friction else level
+    gain, lost, driven = at.gain, at.friction, at.level
     share = minimum.theta[lost] / driven
     usual = float(np.clip(share, 0.0, _LARGEST))
     if share == usual or share == 1.0:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
+from servobench.identification.models.base import Structure
 from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
@@ -25,6 +27,35 @@ def single_level(records: Sequence[Dataset]) -> float | None:
     Coasting under no input counts as a second level: it is friction alone that brakes there.
     """
     return _level_of_one(records[0]) if len(records) == 1 else _level_of(records)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OneLevel:
+    """The only level of the input, which shows the speed alone of gain and Coulomb voltage."""
+
+    level: float
+    """In the input's unit."""
+    gain: int
+    """The index of the gain among the parameters."""
+    friction: int
+    """That of the Coulomb voltage."""
+
+    def speed(self, theta: Array) -> float:
+        """Return K (u - u_c) for parameters theta (P,), in the unit of the output's speed."""
+        return float(theta[self.gain] * (self.level - theta[self.friction]))
+
+
+def one_level(structure: Structure, records: Sequence[Dataset]) -> OneLevel | None:
+    """Return the only level of the input, where there is one and the structure has a gain and a Coulomb voltage.
+
+    Friction brakes whichever way the shaft turns, so that its level has no sign; the constant of a motor that turns one way has.
+    """
+    names = [parameter.name for parameter in structure.parameters]
+    level = single_level(records) if {"gain", "coulomb_voltage"} <= set(names) else None
+    if level is None:
+        return None
+    driven = abs(level) if structure.friction else level
+    return OneLevel(level=driven, gain=names.index("gain"), friction=names.index("coulomb_voltage"))
 
 
 @keep_with_data

@@ -58,9 +58,10 @@ def _moves_at_first(data: Dataset, samples: int) -> bool:
 
 def _sets_off_unasked(data: Dataset) -> bool:
     """Whether a shaft that stood sets off before the input changes: what it answers to came with the first row, or before it."""
-    stood = float(np.median(data.y[: min(_rows_until_change(data), SUSTAINED) or SUSTAINED]))
+    until = _rows_until_change(data)
+    stood = float(np.median(data.y[: min(until, SUSTAINED) or SUSTAINED]))
     away = np.flatnonzero(np.abs(data.y - stood) > data.noise)
-    return bool(len(away) > 0 and away[0] < _rows_until_change(data))
+    return bool(len(away) > 0 and away[0] < until)
 
 
 def _rows_until_change(data: Dataset) -> int:

@@ -38,6 +38,7 @@ def _of(data: Dataset) -> list[Finding]:
         return []
     start = float(data.t_output[away[0]])
     early = change - start
+    # An input that is written row by row may have changed anywhere between two of its rows.
     unseen = change - float(data.t_input[changes[0] - 1])
     steps = np.diff(data.t_input)
     in_every_row = unseen <= _EARLY * float(np.median(steps))

@@ -27,6 +27,7 @@ _SETTLED = 8.0  # filter times until the start is forgotten
 _PER_TIME = 4.0  # rows of the regression in a filter time
 _JUMP = 0.2  # of the input's range: a change in one step of the grid that is as good as at once
 _EVENTS = 1.5  # times through its range: an input that does more than one thing
+_OF_ONE_EVENT = 0.3  # of the misfit may be left of a record of one event
 _SWEPT = 3.0  # times through its range
 _UNSEEN = 0.3  # of the input's standard deviation may pass between two points of the grid
 
@@ -162,9 +163,12 @@ def rings(u: Array) -> bool:
     return (jumps or sweep_count(u) >= _SWEPT) and not is_one_sine(u)
 
 
-def is_one_event(motions: Sequence[Motion]) -> bool:
-    """Return whether no input does more than one thing, such as a step: what a motor leaves of it has many shapes."""
-    return max(sweep_count(each.u) for each in motions) < _EVENTS
+def may_be_any_shape(motions: Sequence[Motion], left: float) -> bool:
+    """Return whether a part of the misfit that is `left` says nothing of further poles: what one step leaves has many shapes.
+
+    So it is where no input does more than one thing, and the poles explain less than most of it.
+    """
+    return max(sweep_count(each.u) for each in motions) < _EVENTS and left > _OF_ONE_EVENT
 
 
 def with_extra(

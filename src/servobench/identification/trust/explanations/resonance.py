@@ -14,7 +14,7 @@ from servobench.identification.trust.explanations.equation import (
     Motion,
     filter_bilinear,
     filter_time,
-    is_one_event,
+    may_be_any_shape,
     regression,
     rings,
 )
@@ -23,7 +23,6 @@ _DAMPED = 0.3  # of critical damping: with more it hardly swings
 _NYQUIST = 0.25  # of the sampling frequency: what swings faster can't be seen to swing
 _PERIODS = 5  # in the record: what swings fewer times is anything slow
 _ONE_TURN = 0.25  # of the turns in a second: an oscillation as near to them may come round with the shaft
-_OF_ONE_EVENT = 0.3  # of the misfit may be left of a record of one event
 _LAGS = 5  # of the filter, so that the fourth derivative is proper
 
 
@@ -44,7 +43,7 @@ def _resonance(case: Case) -> CauseFit | None:
     slowest = _PERIODS / max(each.t[-1] - each.t[0] for each in case.motions)
     if swinging is None or not slowest < swinging < fastest or without.misfit == 0:
         return None
-    if is_one_event(case.motions) and full_regression.misfit > _OF_ONE_EVENT * without.misfit:
+    if may_be_any_shape(case.motions, full_regression.misfit / without.misfit):
         return None
     return CauseFit(
         finding=warning(

@@ -8,14 +8,11 @@ from servobench.core.channels import Array
 from servobench.core.finding import warning
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
-from servobench.identification.trust.explanations.equation import is_one_event, rings
+from servobench.identification.trust.explanations.equation import may_be_any_shape, rings
 
 _STRUCTURE = "rational_2_0_integrator_delay"
 _SWINGS = 0.5  # of critical damping: with more a step overshoots by less than a sixth, and hardly swings
 _PERIODS = 2  # in the longest record: what swings fewer times is anything slow
-_OF_ONE_EVENT = (
-    0.3  # of the misfit may be left of a record of one event, of which two poles explain much in any case
-)
 
 
 def _second_order(case: Case) -> CauseFit | None:
@@ -27,7 +24,7 @@ def _second_order(case: Case) -> CauseFit | None:
     if squared == 0:
         return None
     frequency = np.sqrt(abs(squared)) ** -1 / (2 * np.pi)
-    if is_one_event(case.motions) and regression.misfit > _OF_ONE_EVENT * case.plain.misfit:
+    if case.plain.misfit > 0 and may_be_any_shape(case.motions, regression.misfit / case.plain.misfit):
         return None
     longest = max(each.t[-1] - each.t[0] for each in case.motions)
     swings = squared > 0 and tau**2 < 4 * _SWINGS**2 * squared and frequency * longest > _PERIODS
