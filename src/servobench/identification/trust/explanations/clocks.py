@@ -35,6 +35,8 @@ def _drift(case: Case) -> CauseFit | None:
     tried = [(case.with_input(partial(_at_rate, rate=rate)), rate) for rate in (*-_RATES, *_RATES)]
     best_regression, rate = min(tried, key=lambda each: each[0].misfit)
     longest = max(float(each.t[-1] - each.t[0]) for each in case.motions)
+    if abs(rate) * longest < max(each.data.sample_time for each in case.motions):
+        return None  # less than the times of any one row may be out by
     sentence = (
         "The delay between input and output changes steadily, by about "
         f"{1000 * abs(rate) * longest:.2g} ms over the record: their times come from two clocks, "
