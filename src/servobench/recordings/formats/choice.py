@@ -195,6 +195,8 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str], taken: S
     wanted = {"voltage", "duty"} if role == "input" else {"position", "speed"}
     names = _free_columns(recording, role, taken)
     possible = [name for name in names if not may_be_supply(name)]
+    if role == "output":  # a command is no measurement, whatever its unit
+        possible = [name for name in possible if not _COMMAND.search(name.lower())] or possible
     candidates = candidates or [
         each for each in possible if quantity_of(recording[each].channel.unit) in wanted
     ]

@@ -312,8 +312,8 @@ def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
         else ""
     )
     raise UnitError(
-        f"`{spec.column}`: {tail!r} isn't a known unit{hint}; known are {', '.join(_COMMON_UNITS)}, and products of "
-        f"these{turn}"
+        f"`{spec.column}`: {tail!r} isn't a known unit{hint}; known are {', '.join(_COMMON_UNITS)} (255, or "
+        f"whatever count is 100 %), and products of these{turn}"
     )
 
 

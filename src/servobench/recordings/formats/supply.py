@@ -15,6 +15,8 @@ from servobench.recordings.formats.roles import ColumnSpec, quantity_of
 from servobench.recordings.recording import Recording, Series
 
 _DUTIES = {"%": 0.01, "1": 1.0}
+_WHOLE = 1.05  # a percent or two more is an amplifier's own scale
+_FEW = 0.01  # of the rows may be false
 _BEGINS_AS_NUMBER = re.compile(r"\s*[-+]?(?:\d|\.\d)")
 
 
@@ -41,7 +43,7 @@ def motor_voltage(recording: Recording, supply: Series | None, volts: float | No
 
     The supply is a series in a unit of voltage, or a constant [V]. Between its samples it is on a straight line, before the first
     and after the last it is what it was there: it moves slowly with the load, and the duty is what holds from sample to sample.
-    Raises `UsageError` where the input is no duty, or the supply has no sample that can be used.
+    Raises `UsageError` where the input is no duty, or is more than 100 %, or the supply has no sample that can be used.
     """
     if recording.input is None:
         raise UsageError(f"{recording.name}: a supply goes with a duty; name the input")
@@ -52,6 +54,7 @@ def motor_voltage(recording: Recording, supply: Series | None, volts: float | No
             f"{recording.name}: the input `{duty.channel.name}` is in {symbol or 'no known unit'}; a supply goes "
             "with a duty, in %, 1 (a fraction) or raw counts such as PWM/885: give its unit, or leave the supply out"
         )
+    _check_whole(recording, duty, _DUTIES[symbol])
     at_duty, source = _supply_at(recording, supply, volts, duty)
     name = _free_name(recording)
     channel = Channel(name=name, unit="V")
@@ -64,6 +67,16 @@ def motor_voltage(recording: Recording, supply: Series | None, volts: float | No
         input_before=None,
         findings=(*recording.findings, info("supply-applied", sentence)),
     )
+
+
+def _check_whole(recording: Recording, duty: Series, whole: float) -> None:
+    """Refuse a duty that is more than the whole in more rows than a few false ones: then what is 100 % was said wrongly."""
+    parts = np.abs(duty.values[np.isfinite(duty.values)]) * whole
+    if len(parts) and float(np.mean(parts > _WHOLE)) > _FEW:
+        raise UsageError(
+            f"{recording.name}: the duty `{duty.channel.name}` reaches {100 * float(parts.max()):.4g} % of its supply; expected at "
+            "most 100 %. Say which count is 100 %, as in `input=COL:PWM/1023`, or leave the supply out if the column holds volts"
+        )
 
 
 def _supply_at(

@@ -8,6 +8,7 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, refusal
+from servobench.core.runs import runs
 from servobench.identification.estimators.base import Fit, percent_explained
 from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import Layout, at, lowest
@@ -24,6 +25,7 @@ _LEFT = 0.5  # of the misfit may be left of an output taken as what it is
 _NEAR = 4.0  # times the misfit that is wanted: a guess that leaves more isn't refined
 _LONG = 20  # samples under one input
 _HARDLY = 0.1  # of the way in a stretch: a position would go a quarter of it at a steady speed
+_SLOWER = 0.5  # of what it went in an earlier quarter: a load takes less of a position's speed
 _BACK = 0.3  # of the output's range: more than noise, or than a load turns a shaft back
 _FALL = 0.5  # of the largest input so far: a speed shows it
 _FEW_LOW = 3  # samples of such an input
@@ -48,8 +50,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []  # a position that follows its goal settles with it
     if alike(np.interp(data.t_output, data.t_input, data.u), data.y):
         return []  # a proportional controller's law, which explains the output as well as a speed would be
-    if data.kind == "speed" and (_comes_to_rest(data) or _comes_back(data)):
-        return []  # a position would go on
+    if data.kind == "speed" and (_comes_to_rest(data) or _comes_back(data) or _slows_down(data)):
+        return []  # a position would go on, and as fast as before
     if data.kind == "position" and _goes_on(data):
         return []  # a speed would fall with its input
     same, other = _enough_of(data), _with_other_kind(data)
@@ -81,11 +83,35 @@ def _comes_to_rest(data: Dataset) -> bool:
 
 def _comes_back(data: Dataset) -> bool:
     """Whether the output comes a good part of its way back although the input keeps its sign, as a speed does and no shaft."""
-    sense = float(np.sign(data.u.max(initial=0.0) + data.u.min(initial=0.0)))
-    one_sign = bool((sense * data.u >= 0.0).all())
+    one_sign = data.u.min() >= 0.0 or data.u.max() <= 0.0
     way = data.y * float(np.sign(data.y[np.argmax(np.abs(data.y))]))
     fallen = np.maximum.accumulate(way) - way
     return one_sign and float(fallen.max(initial=0.0)) > _BACK * float(np.ptp(data.y))
+
+
+def _slows_down(data: Dataset) -> bool:
+    """Whether the output changes less and less while the input stays or grows in one direction, as a speed that settles does.
+
+    From rest, or while the input grows to twice as much and more: a position that turned faster before slows down as well.
+    """
+    u = data.input_at_output
+    for sense in (1.0, -1.0):
+        grows = np.diff(sense * u, prepend=sense * u[0]) >= 0.0
+        for first, last in runs(grows & (sense * u > 0.0)):
+            if last - first < _LONG or not (_rests_before(data, first, last) or 2 * abs(u[first]) <= abs(u[last - 1])):
+                continue
+            way = data.y[first:last] * np.sign(data.y[last - 1] - data.y[first])
+            went = np.array([part[-1] - part[0] for part in np.array_split(way, 4)])
+            earlier = np.maximum.accumulate(went[:-1])
+            if bool(np.any((earlier > _CLEAR * data.noise) & (went[1:] < _SLOWER * earlier))):
+                return True
+    return False
+
+
+def _rests_before(data: Dataset, first: int, last: int) -> bool:
+    """Whether the output stands before the rows `first` to `last`, as long as they last or since the record began."""
+    before = data.y[max(2 * first - last, 0) : first]
+    return data.starts_at_rest if not len(before) else float(np.ptp(before)) <= data.noise
 
 
 def _goes_on(data: Dataset) -> bool:

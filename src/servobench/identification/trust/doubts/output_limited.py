@@ -72,8 +72,9 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
 def _finding(limit: str) -> Finding:
     return warning(
         "output-limited",
-        f"The output hardly rises beyond {limit}, where the model's goes on rising: the sensor's range or the supply ends there. "
-        "Stay below that speed, or leave those rows out.",
+        f"The output hardly rises beyond {limit}, where the model's goes on rising: the sensor's range or the supply ends there, "
+        "or the motor settles in another way than a first-order one, as with a driver that drives harder than it brakes. Record "
+        "steps to several speeds, and see whether they all end there.",
         parameters=("gain", "coulomb_voltage"),
     )
 

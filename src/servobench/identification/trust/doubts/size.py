@@ -36,8 +36,8 @@ def _input_size(data: Dataset) -> list[Finding]:
         return []
     if data.input_unit == "%" and largest > _WHOLE:
         sentence = (
-            f"{data.name}: the duty reaches {plain(largest, 4)} %, more than the whole: these may be steps of a timer, such as "
-            "255 for 100 %. Give the scale, `input=COL:PWM/255`, or the unit: `input=COL:UNIT`."
+            f"{data.name}: the duty reaches {plain(largest, 4)} %, more than the whole: these may be steps of a timer. "
+            "Give the count that is 100 %, as in `input=COL:PWM/255` or `input=COL:PWM/1023`, or the unit: `input=COL:UNIT`."
         )
         return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
     if data.input_unit != "V" or largest == 0:

@@ -19,6 +19,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _SWEPT = 3.0  # times through its range: fewer changes can't tell a motor that changes from one that lags
 _BY_FRICTION = 1.5  # a record of one level can't tell its gain from its friction, which takes a third of the level at the most
+_LARGER = 1.2  # times as large are inputs that lie elsewhere on the characteristic
 _APART = 0.02  # of the gain: records of one motor differ by less
 
 
@@ -45,9 +46,15 @@ def _records(case: Case) -> CauseFit | None:
     alone = any(single_level([each.data]) is not None for each in case.motions)
     if alone and not level and not (times > 0 and abs(math.log(times)) > math.log(_BY_FRICTION)):
         return None
+    bends = (
+        f"The inputs of {odd.name} are the {'larger' if times < 1 else 'smaller'} ones, so the characteristic may bend. "
+        "Otherwise they"
+        if _bends_instead(case, odd, times)
+        else "They"
+    )
     sentence = (
         f"The records disagree: {odd.name} moves as if its input were {times:.2g} times the "
-        "recorded one, compared with the others. They come from different motors or gears, or one "
+        f"recorded one, compared with the others. {bends} come from different motors or gears, or one "
         "has another supply, unit or label. Fit them one by one."
     )
     return CauseFit(
@@ -60,6 +67,14 @@ def _records(case: Case) -> CauseFit | None:
             else data
         ),
     )
+
+
+def _bends_instead(case: Case, odd: Dataset, times: float) -> bool:
+    """Whether the odd record has inputs that are larger than all others' and act less, or smaller ones that act more."""
+    largest = {each.data.name: float(np.abs(each.u).max()) for each in case.motions}
+    own = largest.pop(odd.name)
+    others = largest.values()
+    return own > _LARGER * max(others) if times < 1 else _LARGER * own < min(others)
 
 
 def _changes(case: Case) -> CauseFit | None:
