@@ -44,6 +44,7 @@ SLACK = 9e-4
 CEILING = 0.01
 
 Array = NDArray[np.float64]
+POLES: Array = np.array([0.1, 1.0, 3.0]) / TAU  # rad/s: below, at and above the motor's pole
 
 
 def square(t: Array, low: float = 1.0, high: float = 3.0) -> Array:
@@ -110,8 +111,9 @@ def dataset(
     chain: Chain | None = None,
     delay: float = 0.0,
     seed: int = 1,
+    turned: float = 0.0,
 ) -> Dataset:
-    """The motor's position from an encoder, or its speed with a little white noise, or what a chain makes of the position."""
+    """The motor's position from an encoder that is `turned` [rad], or its speed with a little white noise, or behind a chain."""
     random = np.random.default_rng(seed)
     t_in = STEP * np.arange(SAMPLES)
     noise = 0.1 * random.normal(size=SAMPLES)
@@ -121,6 +123,7 @@ def dataset(
         t_out = np.sort(random.uniform(0.0, t_in[-1], SAMPLES - 1))
         t_out = np.concatenate([[0.0], t_out[np.diff(t_out, prepend=0.0) > 1e-4]])
     angle, speed = motion(t_in, u, t_out, delay)
+    angle += turned
     data = packed(t_in, u, t_out, angle, speed, kind, chain or Chain(), noise[: len(t_out)])
     return replace(data, reference=by.signal(t_in)) if by.controlled else data
 
@@ -174,7 +177,7 @@ def fitted_to_some(estimator: Estimator, make: Callable[[Excitation], list[Datas
 
 def check_near(found: Fit, gain: float = GAIN, tau: float = TAU) -> None:
     """Magnitudes below, at and above the pole: between them they fix gain and time constant, in any structure's parameters."""
-    omega = np.array([0.1, 1.0, 3.0]) / tau
+    omega = POLES * TAU / tau
     band = frequency_band(found, omega)
     off = np.log(band.magnitude / (gain / np.hypot(1.0, omega * tau)))
     allowed = np.minimum(DEVIATIONS * band.magnitude_half / TWO_SIDED + SLACK, CEILING)
@@ -203,6 +206,27 @@ def test_an_estimator_says_what_it_is_in_words(name: str) -> None:
 )
 def test_position_and_speed(name: str, kind: str) -> None:
     check_near(fitted_to_some(ESTIMATORS[name], lambda by: [dataset(kind=kind, by=by)]))
+
+
+@pytest.mark.parametrize("name", CAN)
+def test_intervals_are_as_wide_as_the_errors_are_large(name: str) -> None:
+    """Errors in stated standard deviations, of records with another noise and another rounding each: their mean square is 1.
+
+    Twelve squares of a standard normal add up to between 0.96 and 50.8 but for 1 in 1,000,000 either way.
+    """
+    square_sums = np.zeros(3)
+    for seed in range(12):
+        turned = float(np.random.default_rng(seed).uniform(0.0, QUANTUM))
+        found = fitted_to_some(
+            ESTIMATORS[name],
+            lambda by, seed=seed, turned=turned: [  # type: ignore[misc]
+                dataset(kind=preferred(CAN[name]), by=by, seed=seed, turned=turned)
+            ],
+        )
+        band = frequency_band(found, POLES)
+        off = np.log(band.magnitude / (GAIN / np.hypot(1.0, POLES * TAU)))
+        square_sums += (off / (band.magnitude_half / TWO_SIDED)) ** 2
+    assert np.all((square_sums > 0.96) & (square_sums < 50.8)), square_sums
 
 
 @pytest.mark.parametrize("name", those_that("chain"))

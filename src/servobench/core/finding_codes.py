@@ -188,6 +188,8 @@ _TABLE = (
     FindingCode("hysteresis", "The output depends on where the input came from.",
         "Look for play or a sticking brake.", Role.EXPLANATION),
     FindingCode("input-constant", "The input never changes.", "Record steps between at least two levels.", Role.CAUSE),
+    FindingCode("input-hardly-matters", "The model moves by itself, and hardly by its input.",
+        "Record steps between several levels."),
     FindingCode("input-is-a-current", "The input is a current; the parameters follow from that."),
     FindingCode("input-is-a-goal", "The input is the goal of a position loop, and is modelled as that.",
         "Record the motor's voltage where possible."),

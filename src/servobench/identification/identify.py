@@ -243,7 +243,7 @@ def _identify(
     if is_unexplained(_without_consequences(findings), simulated):
         codes = {finding.code for finding in findings}
         of_speed = speed_percent(judged.fit.records) if judged.fit else np.nan
-        causes = judged.causes.explain(simulated, of_speed, _relative_half_width(judged.answers))
+        causes = judged.causes.explain(simulated, _relative_half_width(judged.answers), of_speed)
         new = [cause for cause in causes if cause.code not in codes and not _in_model(cause, judged.fit)]
         findings = [*new, *findings]  # what is wrong says more than that something is
     return Result(

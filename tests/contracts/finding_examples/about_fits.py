@@ -181,6 +181,11 @@ def _limited_to(limit: float) -> Fit:
     return fitted(told(staircase(), np.clip(staircase(), -limit, limit)))
 
 
+def _with_gain(fit: Fit, times: float) -> Fit:
+    """A fit with so many times its gain."""
+    return with_values(fit, gain=times * fit.model["gain"])
+
+
 @cache
 def _on_a_spring(rate: float) -> Fit:
     """A motor that 3 V moves against a spring of `rate` V for a radian."""
@@ -192,7 +197,13 @@ EXAMPLES = (
     _example("fit-by-chance", _of_another_motor),
     _example("fit-poor", _of_another_motor),
     _example("friction-and-offset-together", lambda: _one_way(0.0)),
+    _example("gain-against-motion", lambda: _with_gain(_one_way(0.0), -1.0), lambda: _one_way(0.0)),
     _example("gain-local", lambda: _near(3.0, 0.3), lambda: _near(0.0, 3.0)),
+    _example(
+        "input-hardly-matters",
+        lambda: with_values(_one_way(0.0), coulomb_voltage=-20.0),
+        lambda: with_values(_one_way(0.0), coulomb_voltage=-2.0),
+    ),
     _example("input-is-a-goal", lambda: _position_loop("rad"), lambda: _position_loop("V")),
     _example("input-late", lambda: fit_with_usual_delay(50), lambda: fit_with_usual_delay(0)),
     _example("input-is-reference", lambda: _of_data(input_unit="rad")),
@@ -200,6 +211,7 @@ EXAMPLES = (
     _example("input-too-slow", lambda: _ramp(1), lambda: _ramp(10)),
     _example("kind-mistaken", _as_speed),
     _example("output-spikes", _with_spikes),
+    _example("shaft-comes-to-rest", lambda: _position_loop("V"), lambda: _limited_to(3.0)),
     _example("shaft-runs-back", lambda: _on_a_spring(0.5), lambda: _on_a_spring(0.0)),
     _example("speed-by-direction", lambda: _up_and_down(0.15), lambda: _up_and_down(0.0)),
     _example("speed-levels-off", lambda: _limited_to(1.4), lambda: _limited_to(3.0)),

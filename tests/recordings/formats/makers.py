@@ -52,6 +52,7 @@ def make(name: str, folder: Path) -> Path:
     if name in MAKERS:
         MAKERS[name](path)
     else:
+        assert FORMATS[name].written, f"{name} is only read: add what makes a file of it to MAKERS"
         save(recording(), path)
     return path
 

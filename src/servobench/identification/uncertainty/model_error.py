@@ -61,6 +61,7 @@ _BARE = 0.2  # of p/N: what each sample adds to the clock
 _BY_SHAPE = 0.5  # of the friction: the standard deviation of what a reversal's shape tells of it, where the model is wrong
 _CHANGES = 0.2  # of the samples: an input that changes in more of them is held nowhere
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
+_NEAR = 0.1  # of the largest input: so near, either way, a level says next to nothing of friction beside the other
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -403,23 +404,34 @@ def _of_reversals(fit: Fit) -> Array:
     near a reversal, by play or a compliant shaft, isn't seen in the speeds, and half of the friction may come from there.
     """
     names, theta = fit.model.names, fit.model.theta
-    split = np.zeros(len(names))
-    level = _one_magnitude(fit)
-    if "coulomb_voltage" in names and level:
-        friction, gain = names.index("coulomb_voltage"), names.index("gain")
-        split[friction] = _BY_SHAPE * theta[friction]
-        split[gain] = theta[gain] * split[friction] / max(level - theta[friction], _LEVEL * level)
+    at_one_speed = _at_one_speed(fit)
+    if at_one_speed is None:
+        return np.zeros((len(names), len(names)))
+    split = _BY_SHAPE * theta[names.index("coulomb_voltage")] * at_one_speed
     return np.outer(split, split)
 
 
+def _at_one_speed(fit: Fit) -> Array | None:
+    """The change of the parameters (P,) with the Coulomb voltage at the only speed either way; None where there are several."""
+    names, theta = fit.model.names, fit.model.theta
+    level = _one_magnitude(fit)
+    if "coulomb_voltage" not in names or not level:
+        return None
+    friction, gain = names.index("coulomb_voltage"), names.index("gain")
+    change = np.zeros(len(names))
+    change[friction] = 1.0
+    change[gain] = theta[gain] / max(level - theta[friction], _LEVEL * level)
+    return change
+
+
 def _one_magnitude(fit: Fit) -> float:
-    """The magnitude of an input that has no other, in both directions; 0 where there is none such."""
+    """The mean magnitude of an input that has as good as one, in both directions; 0 where there is none such."""
     u = np.concatenate([record.data.u for record in fit.records])
     sizes_of_input, largest = np.abs(u), float(np.abs(u).max(initial=0.0))
-    one = bool((sizes_of_input >= (1.0 - _LEVEL) * largest).all()) and u.min(initial=0.0) < 0.0 < u.max(
+    one = bool((sizes_of_input >= (1.0 - _NEAR) * largest).all()) and u.min(initial=0.0) < 0.0 < u.max(
         initial=0.0
     )
-    return largest if one else 0.0
+    return float(sizes_of_input.mean()) if one else 0.0
 
 
 def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
@@ -427,8 +439,13 @@ def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, floa
     names = fit.model.names
     out = np.zeros((len(names), len(names)))
     at = {"lag": names.index("time_constant")} | {name: n for n, name in enumerate(names)}
+    at_one_speed = _at_one_speed(fit)
     for name, each in known.items():
-        out[at[name], at[name]] += (shares[name] * _floor(fit, name, each)) ** 2
+        floor = (shares[name] * _floor(fit, name, each)) ** 2
+        if name == "coulomb_voltage" and at_one_speed is not None:
+            out += floor * np.outer(at_one_speed, at_one_speed)  # the speed is known beside it
+        else:
+            out[at[name], at[name]] += floor
     if known["gain"] is not ONE_LEVEL:
         out += (shares["gain"] * _floor(fit, "gain", known["gain"])) ** 2 * _of_friction(fit)
     out += shares["gain"] ** 2 * _of_reversals(fit)

@@ -1,4 +1,4 @@
-"""Rows that name their values, or give their units: `RPM:0.00,PWM:0`, `t=0, pwm=3`, `0.010s, 1.20V`.
+"""Rows that name their values, or give their units: `RPM:0.00,PWM:0`, `t=0, pwm=3`, `t,0,pwm,3`, `0.010s, 1.20V`.
 
 The serial plotter of the Arduino IDE expects such rows, and so do people. Rows with the same names in the same order are a table.
 """
@@ -29,6 +29,11 @@ _WITH_UNIT = re.compile(
     r"(?P<number>[+-]?(?:[0-9]++(?:[.,][0-9]*+)?|[.,][0-9]++)(?:e[+-]?[0-9]++)?)\s?(?P<unit>(?:(?:[^\W\d_]|[°%])\S*)?)",
     re.IGNORECASE,
 )
+_NAME = re.compile(r"[^\W\d][^:=,;|\t\"']{0,100}+")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
+_BEGINS_WITH_A_NAME = re.compile(r"\s*[^\W\d][^:=]*+$")
+_FEWEST = 2  # names in a row
+_TOP = 30  # lines of a text, among which its row of names is
 _SHARE = 0.5  # of the rows, more than which have the same labels
 _MOST = 100  # values in a row
 
@@ -49,6 +54,9 @@ class BareRows:
 
 def without_labels(content: Sequence[str], sample: Sequence[str]) -> BareRows | None:
     """Return the rows of a table without labels; None where not most of a `sample` of them have the same ones."""
+    if not any(_names_only(line) for line in content[:_TOP]):
+        content = [_with_marks(line) for line in content]
+        sample = [_with_marks(line) for line in sample]
     pairs = [each for line in sample if (each := _pairs(line))]
     names, count = (
         Counter(tuple(name for name, _ in each) for each in pairs).most_common(1)[0] if pairs else ((), 0)
@@ -60,6 +68,24 @@ def without_labels(content: Sequence[str], sample: Sequence[str]) -> BareRows | 
     width, count = Counter(map(len, cells)).most_common(1)[0] if cells else (0, 0)
     units = _units([row for row in cells if len(row) == width])
     return _without_units(content, units) if count > _SHARE * len(sample) and any(units) else None
+
+
+def _with_marks(line: str) -> str:
+    """A row of names and numbers in turn, `PWM,-120,Enc1,-45.1`, as `PWM:-120,Enc1:-45.1`; any other as it is."""
+    if not _BEGINS_WITH_A_NAME.match(line):
+        return line
+    cells = _cells(line)
+    names, values = cells[::2], cells[1::2]
+    in_turn = len(values) >= _FEWEST and len(names) == len(values) and all(map(_NAME.fullmatch, names))
+    if not (in_turn and all(map(_NUMBER.fullmatch, values))):
+        return line
+    return ",".join(f"{name}:{value}" for name, value in zip(names, values, strict=True))
+
+
+def _names_only(line: str) -> bool:
+    """Whether a line is a row of names: what stands in turn below it are columns of words and of numbers."""
+    cells = _cells(line)
+    return len(cells) > _FEWEST and all(map(_NAME.fullmatch, cells))
 
 
 def _pairs(line: str) -> list[tuple[str, str]]:

@@ -74,8 +74,9 @@ def _check_whole(recording: Recording, duty: Series, whole: float) -> None:
     parts = np.abs(duty.values[np.isfinite(duty.values)]) * whole
     if len(parts) and float(np.mean(parts > _WHOLE)) > _FEW:
         raise UsageError(
-            f"{recording.name}: the duty `{duty.channel.name}` reaches {100 * float(parts.max()):.4g} % of its supply; expected at "
-            "most 100 %. Say which count is 100 %, as in `input=COL:PWM/1023`, or leave the supply out if the column holds volts"
+            f"{recording.name}: the duty `{duty.channel.name}` reaches {100 * float(parts.max()):.4g} % of its supply; expected "
+            "at most 100 %. Say which count is 100 %, as in `input=COL:PWM/1023`, or leave the supply out if the column holds "
+            "volts"
         )
 
 

@@ -16,12 +16,14 @@ from servobench.identification.trust.doubts.goal import OF_A_SHAFT
 from servobench.recordings.measurement.dataset import Dataset
 
 _FEW = 12  # samples under one input
-_BEFORE = 3  # samples of rest, as far as the record has them
+_BEFORE = 3  # samples of rest at least, and a quarter of those under the input, as far as the record has them
 _SETS_OFF = 1.2  # times the first step under the input: a shaft that only coasts on gets slower and slower
 _RESTED = 0.15  # of the way: what a shaft at rest may seem to have moved by, the noise of a servo's own sensor included
 _STANDS = 0.05  # of the way, from one quarter to the next: at a steady speed it is a quarter
+_NOISY = 0.2  # of the way: what all readings at rest may differ by
 _CLEAR = 8.0  # times the noise at rest
 _COUNTS = 5.0  # of the encoder
+_MUCH = 0.5  # of the largest input, or of all the way: under less a jerk may end in the friction that it set off from
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +36,9 @@ class _Move:
 
 
 def _about(fit: Fit) -> list[Finding]:
-    if fit.structure.startswith("position_loop") or any(name.startswith("gravity") for name in fit.model.names):
+    if fit.structure.startswith("position_loop") or any(
+        name.startswith("gravity") for name in fit.model.names
+    ):
         return []  # the model has what stops it
     return [finding for record in fit.records for finding in _of(record.data)]
 
@@ -50,7 +54,8 @@ def _of(data: Dataset) -> list[Finding]:
     t = data.t_output
     level = with_unit(float(data.input_at_output[move.first]), data.input_unit, 3)
     moved, stood = (
-        with_unit(float(each), "s", 2) for each in (t[move.arrived] - t[move.first], t[move.end - 1] - t[move.arrived])
+        with_unit(float(each), "s", 2)
+        for each in (t[move.arrived] - t[move.first], t[move.end - 1] - t[move.arrived])
     )
     sentence = (
         f"{data.name}: when the input changes to {level} the shaft moves for {moved}, and then stands for {stood} although the "
@@ -58,18 +63,26 @@ def _of(data: Dataset) -> list[Finding]:
         "a stop, a spring or a weight holds the shaft. Record what drives the motor, and let it turn freely."
     )
     rows = data.row_span(move.arrived, move.end - 1)
-    return [warning("shaft-comes-to-rest", sentence, parameters=("gain", "time_constant", "delay"), rows=rows)]
+    return [
+        warning("shaft-comes-to-rest", sentence, parameters=("gain", "time_constant", "delay"), rows=rows)
+    ]
 
 
 def _moves(data: Dataset) -> list[_Move]:
     position = data.y if data.kind == "position" else _way(data)
     u = data.input_at_output
-    tried = [
-        _move(data, position, int(first), int(end))
+    stretches = [
+        (int(first), int(end))
         for first, end in zip(*stretches_of_input(data), strict=True)
         if first > 0 and end - first >= _FEW and u[first] != 0.0
     ]
-    return [move for move in tried if move is not None]
+    moves = [_move(data, position, *each) for each in stretches]
+    return [move for move in moves if move is not None and _is_large(move, u, position)]
+
+
+def _is_large(move: _Move, u: Array, position: Array) -> bool:
+    way = abs(float(position[move.end - 1] - position[move.first - 1]))
+    return bool(abs(u[move.first]) >= _MUCH * np.abs(u).max() or way >= _MUCH * np.ptp(position))
 
 
 def _way(data: Dataset) -> Array:
@@ -79,13 +92,16 @@ def _way(data: Dataset) -> Array:
 
 
 def _move(data: Dataset, position: Array, first: int, end: int) -> _Move | None:
-    before, under = position[max(first - _BEFORE, 0) : first], position[first:end]
+    long = max(_BEFORE, (end - first) // 4)
+    before, under = position[max(first - long, 0) : first], position[first:end]
     steps = np.abs(np.diff(under, prepend=before[-1]))
     third, last = (float(part.mean()) for part in np.array_split(under, 4)[2:])
     way = last - float(before.mean())
-    noise = float(np.std(under[len(under) // 2 :]))
-    rested = np.ptp(before) <= _RESTED * abs(way) and float(steps.max()) > _SETS_OFF * float(steps[0])
-    stands = abs(last - third) <= _STANDS * abs(way)
+    rest = under[len(under) // 2 :]
+    noise = float(np.std(rest))
+    sets_off = len(before) == long or float(steps.max()) > _SETS_OFF * float(steps[0])
+    rested = sets_off and np.ptp(before) <= _RESTED * abs(way)
+    stands = abs(last - third) <= _STANDS * abs(way) and np.ptp(rest) <= _NOISY * abs(way)
     clear = abs(way) > max(_CLEAR * noise, _COUNTS * (data.quantum or 0.0))
     if not (rested and stands and clear):
         return None

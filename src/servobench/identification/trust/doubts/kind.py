@@ -98,7 +98,9 @@ def _slows_down(data: Dataset) -> bool:
     for sense in (1.0, -1.0):
         grows = np.diff(sense * u, prepend=sense * u[0]) >= 0.0
         for first, last in runs(grows & (sense * u > 0.0)):
-            if last - first < _LONG or not (_rests_before(data, first, last) or 2 * abs(u[first]) <= abs(u[last - 1])):
+            if last - first < _LONG or not (
+                _rests_before(data, first, last) or 2 * abs(u[first]) <= abs(u[last - 1])
+            ):
                 continue
             way = data.y[first:last] * np.sign(data.y[last - 1] - data.y[first])
             went = np.array([part[-1] - part[0] for part in np.array_split(way, 4)])

@@ -8,11 +8,13 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.level import single_level
 from servobench.identification.models.motion import directions, turns_both_ways
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.uncertainty.friction_near_rest import ExcessFriction
 
 _HARDLY = 0.05  # of the largest speed
+_BEYOND = 5.0  # times the largest input: no friction, and no offset of an amplifier
 _RARE = 2.0  # % of the samples: a start speed that is gone within a sample or two may be any number, and is no turning
 
 
@@ -52,6 +54,12 @@ def _one_way(fit: Fit) -> list[Finding]:
         "sum. Let it turn both ways.",
         parameters=("coulomb_voltage",),
     )
+    if _input_hardly_matters(fit):
+        sentence = (
+            "In this model the input has next to no part in the motion: the record shows how a speed settles by itself, and any "
+            "bend of the characteristic looks like that. Record steps between several levels, each until the speed settles."
+        )
+        return [together, warning("input-hardly-matters", sentence, parameters=("gain", "time_constant"))]
     if abs(estimate.value) <= 3 * estimate.sd:
         return [together]
     # The motor's equation has -K u_c, which brakes where it is against ω: K u_c ω > 0.
@@ -83,9 +91,22 @@ def _one_way(fit: Fit) -> list[Finding]:
     ]
 
 
+def _input_hardly_matters(fit: Fit) -> bool:
+    """Whether a constant drives the model far more than any of several inputs does: those that are there explain nothing."""
+    data = [record.data for record in fit.records]
+    largest = max(float(np.abs(record.u).max(initial=0.0)) for record in data)
+    return single_level(data) is None and abs(fit.model["coulomb_voltage"]) > _BEYOND * largest
+
+
 DOUBTS.member("one_way")(
     Doubt(
-        codes=("structure-reverses", "friction-and-offset-together", "offset-negative", "offset-found"),
+        codes=(
+            "structure-reverses",
+            "friction-and-offset-together",
+            "offset-negative",
+            "offset-found",
+            "input-hardly-matters",
+        ),
         about_fit=_one_way,
     )
 )

@@ -24,8 +24,8 @@ def _sense(fit: Fit) -> list[Finding]:
         sentence = (
             f"The gain comes out {'negative' if gain.value < 0 else 'positive'}, although the motor turns "
             f"{'as' if gain.value < 0 else 'against what'} its input says all the time: the speed doesn't follow this input as a "
-            "motor's would. The supply sags, the characteristic bends, or the column is another one. Record steps, each until the "
-            "speed settles."
+            "motor's would. The supply sags, the characteristic bends, or the column is another one. Record steps, each until "
+            "the speed settles."
         )
         return [warning("gain-against-motion", sentence, parameters=("gain", "time_constant"))]
     if gain.value > 0 or not signed:

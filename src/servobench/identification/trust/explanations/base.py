@@ -131,7 +131,7 @@ class Causes:
     known: Mapping[str, Fit] = field(default_factory=dict)
 
     def explain(
-        self, simulated: float = np.nan, of_speed: float = np.inf, of_gain: float = 0.0
+        self, simulated: float = np.nan, of_gain: float = 0.0, of_speed: float = np.inf
     ) -> list[Finding]:
         """Return the finding of the cause that explains best why no model fits these records; none where no cause does.
 

@@ -71,9 +71,8 @@ def _records(case: Case) -> CauseFit | None:
 
 def _bends_instead(case: Case, odd: Dataset, times: float) -> bool:
     """Whether the odd record has inputs that are larger than all others' and act less, or smaller ones that act more."""
-    largest = {each.data.name: float(np.abs(each.u).max()) for each in case.motions}
-    own = largest.pop(odd.name)
-    others = largest.values()
+    own = max(float(np.abs(each.u).max()) for each in case.motions if each.data is odd)
+    others = [float(np.abs(each.u).max()) for each in case.motions if each.data is not odd]
     return own > _LARGER * max(others) if times < 1 else _LARGER * own < min(others)
 
 
