@@ -25,7 +25,7 @@ from servobench.identification.choice.noise_choice import (
 from servobench.identification.choice.records_apart import widen_for_disagreement
 from servobench.identification.choice.restored_counts import with_counts_restored
 from servobench.identification.choice.structure_choice import Choice, choose_structure
-from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit, speed_percent
+from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.sizes import WEAK, friction_spread
 from servobench.identification.estimators.unseen_torque import with_unseen_torque
 from servobench.identification.models.common_parameters import TIME_CONSTANT
@@ -242,8 +242,7 @@ def _identify(
     simulated = judged.fit.fit_percent if judged.fit else np.nan
     if is_unexplained(_without_consequences(findings), simulated):
         codes = {finding.code for finding in findings}
-        of_speed = speed_percent(judged.fit.records) if judged.fit else np.nan
-        causes = judged.causes.explain(simulated, _relative_half_width(judged.answers), of_speed)
+        causes = judged.causes.explain(simulated, _relative_half_width(judged.answers))
         new = [cause for cause in causes if cause.code not in codes and not _in_model(cause, judged.fit)]
         findings = [*new, *findings]  # what is wrong says more than that something is
     return Result(

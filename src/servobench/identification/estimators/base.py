@@ -23,7 +23,6 @@ from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.disturbance import Disturbance
 from servobench.identification.models.base import Model, Structure
 from servobench.identification.models.first_motion import latest_delay
-from servobench.identification.models.motion import smooth_slope, smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
 
 
@@ -184,20 +183,6 @@ def fit_percent(records: Sequence[FittedRecord]) -> float:
     """Return 100 (1 - |y - ŷ| / |y - mean(y)|) over all records, each with its own mean; NaN where nothing varies."""
     misfit = sum(float(np.sum(r.residual[r.valid] ** 2)) for r in records)
     total = sum(float(np.sum((r.data.y[r.valid] - r.data.y[r.valid].mean()) ** 2)) for r in records)
-    return percent_explained(misfit, total)
-
-
-def speed_percent(records: Sequence[FittedRecord]) -> float:
-    """Return the same of the speed, smoothed where a position was measured: NaN where it doesn't vary.
-
-    A position that only grows is explained nearly whole by any line; what its model leaves of the speed shows.
-    """
-    misfit = total = 0.0
-    for record in records:
-        speed, left = smooth_speed(record.data), smooth_slope(record.data, record.residual)
-        use = record.valid & np.isfinite(left)
-        misfit += float(np.sum(left[use] ** 2))
-        total += float(np.sum((speed[use] - speed[use].mean()) ** 2))
     return percent_explained(misfit, total)
 
 

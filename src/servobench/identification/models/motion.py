@@ -56,15 +56,10 @@ def smooth_speed(data: Dataset) -> Array:
 
     A position is differenced over the shortest span in which a step of the encoder is below a twentieth of the motion.
     """
-    return smooth_slope(data, data.y)
-
-
-def smooth_slope(data: Dataset, values: Array) -> Array:
-    """Return the same of other `values` (M,) of the output, at the samples of a record, such as what a model leaves of it."""
     if data.kind == "speed":
-        return values
+        return data.y
     after, before = _apart(data)
-    return (values[after] - values[before]) / (data.t_output[after] - data.t_output[before])
+    return (data.y[after] - data.y[before]) / (data.t_output[after] - data.t_output[before])
 
 
 def steady_speed(data: Dataset) -> float | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import Finding, warning
-from servobench.identification.estimators.base import Fit, FittedRecord, speed_percent
+from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 
@@ -28,8 +28,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     no_noise = "weighed-twice" in codes and not _alternates(fit)
     no_noise = no_noise or ("delay-expected" in codes and _follows_itself(fit))
-    explained = min(fit.fit_percent, speed_percent(fit.records)) if no_noise else 100.0
-    if explained >= _EXPLAINED:
+    if not no_noise or fit.fit_percent >= _EXPLAINED:
         return []
     rounding = [
         float(np.std(record.residual[record.valid]))
@@ -38,10 +37,10 @@ def _about_fit(fit: Fit) -> list[Finding]:
     ]
     if any(rounding):
         return []
-    what = "the output" if explained == fit.fit_percent else "the output's speed"
+    missed = 100 - fit.fit_percent
     sentence = (
-        f"A first-order motor is the wrong structure for these data: it misses {100 - explained:.0f} % of "
-        f"{what}, which neither the sensor's rounding nor a random torque explains. Something "
+        f"A first-order motor is the wrong structure for these data: it misses {missed:.0f} % of "
+        "the output, which neither the sensor's rounding nor a random torque explains. Something "
         "else moves with the shaft (a pendulum, a spring, a second motor) or acts before it "
         "(hysteresis, a limit): record the motor alone, or try another structure with "
         "`structure=...`."

@@ -130,20 +130,16 @@ class Causes:
     records: tuple[Dataset, ...]
     known: Mapping[str, Fit] = field(default_factory=dict)
 
-    def explain(
-        self, simulated: float = np.nan, of_gain: float = 0.0, of_speed: float = np.inf
-    ) -> list[Finding]:
+    def explain(self, simulated: float = np.nan, of_gain: float = 0.0) -> list[Finding]:
         """Return the finding of the cause that explains best why no model fits these records; none where no cause does.
 
         `simulated` is what the simulation of the best fit explains of the output, in percent; NaN where there is no fit.
-        `of_speed` is the same of the speed, which says more where a position only grows. `of_gain` is the half-width of the
-        gain's interval as a part of the gain: a cause that changes it by less is a remark.
+        `of_gain` is the half-width of the gain's interval as a part of the gain: a cause that changes it by less is a remark.
         """
         best = self._best(_CONVINCING, simulated)
         if best is None:
             return []
-        explained = min(simulated, of_speed) >= _EXPLAINED_ALREADY
-        has_a_size = (best.structural and explained) or best.change <= of_gain
+        has_a_size = (best.structural and simulated >= _EXPLAINED_ALREADY) or best.change <= of_gain
         return [_as_a_remark(best.finding, simulated) if has_a_size else best.finding]
 
     def are_damage(self, simulated: float = np.nan) -> bool:
