@@ -24,7 +24,7 @@ def rows(heading: str, member: str = "") -> dict[str, tuple[str, str]]:
     section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
     if member:
         section = section.partition(f"\n### {member}\n")[2].partition("\n### ")[0]
-    assert section, heading + member
+    assert section, f"the page has no section on {member or heading}: run `make generate`"
     found = [match for line in section.splitlines() if (match := ROW.fullmatch(line))]
     return {match["key"]: (match["default"], match["unit"].strip()) for match in found}
 

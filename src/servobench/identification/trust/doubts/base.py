@@ -1,7 +1,8 @@
 """The kind `doubts`: checks of data and estimates, before and after the fit, each a finding with what to do about it.
 
 A doubt is one file in this folder, which gives a `Doubt` to `DOUBTS.member(name)`. Each code of its findings needs a row in
-`core/finding_codes.py`, which says what it means and what to do, for the reference page (`make generate`).
+`core/finding_codes.py`, which says what it means and what to do, for the reference page (`make generate`), and an example in
+`tests/contracts/finding_examples`.
 
 Before the fit, a doubt prevents a useless fit (a refusal) or reports what the fit can't know; after the fit, it judges the
 result. Doubts are cheap: none of them fits a model.
