@@ -43,9 +43,10 @@ class _Without:
 def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
     """Return the fit, with a finding and wider intervals where its records disagree on parameters.
 
-    If the residuals are white nothing is fitted again, because records that differ leave a colour. Otherwise each record is
-    left out in turn (at most 8 of them), with `method` and `allow` as for the whole fit. If two of the intervals don't overlap,
-    that of the whole is widened to hold them all, and the standard deviation is at least the jackknife's,
+    If the residuals are white nothing is fitted again, because records that differ leave a colour; but beside a random torque,
+    which takes up what differs, they say nothing. Otherwise each record is left out in turn (at most 8 of them), with `method`
+    and `allow` as for the whole fit. If two of the intervals don't overlap, that of the whole is widened to hold them all, and
+    the standard deviation is at least the jackknife's,
 
         s² = (n - 1)/n Σ (θ_i - θ̄)²,   θ_i without record i of n.
 
@@ -53,7 +54,7 @@ def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], F
     others foretell of it (`held_out`). A selection in which the motor turned one way only, or under one level only, says nothing
     of friction that it could be held to.
     """
-    if len(fit.records) < 2 or explains_the_colour(fit):
+    if len(fit.records) < 2 or (fit.disturbance is None and explains_the_colour(fit)):
         return fit
     selections = _selections(fit, method, allow)
     if len(selections) < 2:
