@@ -53,6 +53,25 @@ def test_two_records_are_held_against_each_other() -> None:
     assert "in run 1" in finding.sentence
 
 
+def test_records_that_differ_show_it_beside_a_random_torque_that_takes_it_up() -> None:
+    """A motor that answers small inputs by a fifth more than large ones: innovations are white, and the joint gain is one's."""
+    random = np.random.default_rng(3)
+    records = []
+    for n, (gain, level) in enumerate(((1.2, 0.9), (1.0, 3.0))):
+        u = level * np.repeat(random.choice([-1.0, 1.0], 20), 100)
+        angle = march(TRUTH, gain * u, 0.002, torque_noise=1e-4, step=5e-5, seed=n)[:, 2]
+        data = dataset(seed=0, samples=len(u), y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM)
+        records.append(replace(data, u=u, input_before=0.0, name=f"run {n}"))
+    result = identify(records)
+
+    (finding,) = apart(result)
+    assert finding.severity is Severity.INFO
+    assert result.fit is not None
+    assert result.fit.disturbance is not None
+    low, high = result.fit["gain"].interval
+    assert low < 23.7 < 1.2 * 23.7 < high  # rad/(s·V): the reference motor's, and a fifth more
+
+
 @pytest.mark.parametrize("friction", [0.0, 1.0, 3.0])
 def test_records_of_one_motor_agree(friction: float) -> None:
     assert not apart(identify(runs(friction, friction, friction, friction)))

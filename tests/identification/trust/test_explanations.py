@@ -14,7 +14,7 @@ from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.equation import motion
 from servobench.identification.trust.explanations.hysteresis import play
 from servobench.recordings.measurement.dataset import Dataset
-from tests.contracts.finding_examples.base import staircase, told
+from tests.contracts.finding_examples.base import sound, staircase, told
 from tests.datasets import QUANTUM, dataset
 
 
@@ -301,3 +301,28 @@ def test_a_limit_in_a_speed_that_was_cut_into_files_is_explained_as_in_one() -> 
     assert np.ptp([part.y[0] for part in parts]) > 50.0
     assert [finding.code for finding in explain([data])] == ["gain-falls"]
     assert [finding.code for finding in explain(parts)] == ["gain-falls"]
+
+
+@pytest.mark.parametrize(("rate", "named"), [(0.005, False), (0.02, True)])
+def test_two_clocks_drift_apart_by_a_sample_at_least(rate: float, named: bool) -> None:
+    """In rows of 20 ms: by 10 ms in 2 s, which any one row may be out by, or by 60 ms in 3 s."""
+    fine = dataset(seed=1, kind="prbs", samples=4000, sample_time=0.001, hold=100)
+    t = 0.02 * np.arange(150 if named else 100)
+    y = np.interp(t * (1.0 + rate), fine.t_output, fine.y)
+    record = replace(fine, t_input=t, u=fine.u[::20][: len(t)], t_output=t, y=y)
+    case = Case(tuple(each for each in [motion(record)] if each is not None))
+
+    assert (EXPLANATIONS["clock_drift"](case) is not None) is named
+
+
+def test_records_with_larger_inputs_that_act_less_may_be_of_a_characteristic_that_bends() -> None:
+    """Of 1 to 3 V acted 70 %, of 0.3 to 1 V all; and with the smaller inputs acting less, it's no such bend."""
+    small, large = (level * sound(samples=2000).u for level in (1 / 3, 1.0))
+    bent = [replace(told(small, small), name="small"), replace(told(large, 0.7 * large), name="large")]
+    other = [replace(told(small, 0.7 * small), name="small"), replace(told(large, large), name="large")]
+
+    [cause], [odd] = explain(bent), explain(other)
+
+    assert cause.code == odd.code == "records-disagree"
+    assert "the characteristic may bend" in cause.sentence
+    assert "may bend" not in odd.sentence

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from servobench.core.finding import Verdict
 from servobench.identification.identify import identify
@@ -106,3 +107,24 @@ def test_a_speed_that_only_grows_is_still_no_position(inputs: list[float]) -> No
     )
 
     assert told(result)
+
+
+def _of_speed(u: NDArray[np.float64], speed: NDArray[np.float64]) -> Dataset:
+    noise = 0.2 * np.random.default_rng(3).standard_normal(len(u))
+    record = as_speed(dataset(seed=1, sample_time=0.01, samples=len(u), u=u))
+    return replace(record, y=speed + noise)
+
+
+def test_a_speed_that_bends_while_its_input_climbs_is_no_position() -> None:
+    """A ramp to 70 %, of which the speed makes less and less: a position would grow faster and faster."""
+    u = np.linspace(0.0, 70.0, 700)
+    assert not told(identify(_of_speed(u, np.where(u < 3.0, 0.0, 50.0 * (1.0 - ((70.0 - u) / 67.0) ** 2)))))
+
+
+def test_a_speed_that_creeps_on_after_its_step_is_no_position() -> None:
+    """Two thirds of the way within 40 ms, the rest in a second, as beside a bearing that warms up; from rest."""
+    t = 0.01 * np.arange(100)
+    speed = 60.0 * -np.expm1(-t / 0.02) + 30.0 * t
+    record = replace(_of_speed(np.full(100, 60.0), speed), input_before=0.0, starts_at_rest=True)
+
+    assert not told(identify(record))

@@ -241,3 +241,27 @@ def test_a_speed_that_a_step_hasn_t_reached_yet_is_as_uncertain_as_its_time_cons
 
     low, high = result.to_dict()["combinations"]["speed_at_level"]["interval"]
     assert low < 60.0 < high
+
+
+@pytest.mark.parametrize("other", [-3.0, -2.88])
+def test_the_speed_either_way_is_known_where_friction_is_not(other: float) -> None:
+    """A square of 3 V and as much or 4 % less to the other side, of a motor with 1.5 V of friction and a ripple of its angle."""
+    truth = Truth(coulomb_torque=1.5 * Truth().motor_constant / Truth().resistance)
+    u = np.where(np.arange(2500) // 250 % 2 == 0, 3.0, other)
+    angle = march(truth, u, 0.002)[:, 2]
+    angle += 0.01 * np.sin(2 * np.pi * np.arange(len(u)) * 0.002 / 0.37)
+    data = dataset(seed=1, samples=len(u), u=u, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM)
+    found = model_error(fitted(data, "first_order_coulomb"))
+
+    assert found is not None
+    assert min(found.shares.values()) == 1.0
+    names = fitted(data, "first_order_coulomb").model.names
+    gain, lost = (fitted(data, "first_order_coulomb").model[name] for name in ("gain", "coulomb_voltage"))
+    slope = np.zeros(len(names))
+    slope[names.index("gain")], slope[names.index("coulomb_voltage")] = 3.0 - lost, -gain
+    speed, sd = gain * (3.0 - lost), float(np.sqrt(slope @ found.covariance @ slope))
+    # Friction alone may be wrong by a tenth of itself, which would be as much of the speed.
+    assert (
+        found.covariance[names.index("coulomb_voltage"), names.index("coulomb_voltage")] > (0.05 * lost) ** 2
+    )
+    assert sd < 0.03 * speed

@@ -272,6 +272,13 @@ def test_a_column_that_may_be_the_supply_of_a_duty_is_asked_about() -> None:
     assert "supply-possible" not in codes(assign(in_volts).findings)
 
 
+def test_a_command_in_the_unit_of_a_position_is_no_output() -> None:
+    asked = " ".join(missing(made("command_deg", "gyro", command_deg="deg")))
+
+    assert "which column is the input (perhaps `command_deg`)" in asked
+    assert "which column is the output (what was measured" in asked
+
+
 def test_what_was_commanded_and_what_was_applied_are_not_two_motors() -> None:
     asked = missing(made("command_voltage", "applied_voltage", "y", y="rad"))
     sides = missing(made("left_voltage", "right_voltage", "y", left_voltage="V", right_voltage="V", y="rad"))

@@ -47,6 +47,26 @@ def test_the_voltage_is_duty_times_supply_in_any_notation_of_a_duty(
     )
 
 
+def test_a_duty_of_more_than_the_whole_is_refused_with_what_to_say() -> None:
+    recording = servo(1023.0 * DUTY, None, np.full(50, 12.0))
+
+    with pytest.raises(UsageError, match=r"reaches 200.6 % of its supply.*input=COL:PWM/1023"):
+        assign(recording, input="load:PWM/255", output="theta", supply="vbat")
+
+
+def test_a_single_false_row_of_a_duty_is_no_reason_to_refuse_it() -> None:
+    t = 0.01 * np.arange(200)
+    duty = np.tile(DUTY, 4)
+    duty[17] = 5.0
+    series = tuple(
+        Series(channel=Channel(name=name, unit=unit), values=values, t=t)
+        for name, unit, values in (("load", None, duty), ("theta", "rad", np.cumsum(duty)))
+    )
+    recording = Recording(name="servo", series=series, source=Source(name="servo.csv"))
+
+    assert assign(recording, input="load:1", output="theta", supply="12 V").input == "motor_voltage"
+
+
 def test_a_supply_with_times_of_its_own_is_on_straight_lines_and_stays_at_its_ends() -> None:
     recording = servo(DUTY, "1", np.array([8.0, 6.0]), np.array([0.1, 0.3]))
 

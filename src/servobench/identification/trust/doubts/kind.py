@@ -26,7 +26,6 @@ _NEAR = 4.0  # times the misfit that is wanted: a guess that leaves more isn't r
 _LONG = 20  # samples under one input
 _HARDLY = 0.1  # of the way in a stretch: a position would go a quarter of it at a steady speed
 _SLOWER = 0.5  # of what it went in an earlier quarter: a load takes less of a position's speed
-_BACK = 0.3  # of the output's range: more than noise, or than a load turns a shaft back
 _FALL = 0.5  # of the largest input so far: a speed shows it
 _FEW_LOW = 3  # samples of such an input
 _CLEAR = 3.0  # times the noise, by which a position goes on meanwhile
@@ -50,7 +49,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []  # a position that follows its goal settles with it
     if alike(np.interp(data.t_output, data.t_input, data.u), data.y):
         return []  # a proportional controller's law, which explains the output as well as a speed would be
-    if data.kind == "speed" and (_comes_to_rest(data) or _comes_back(data) or _slows_down(data)):
+    if data.kind == "speed" and (_comes_to_rest(data) or _slows_down(data)):
         return []  # a position would go on, and as fast as before
     if data.kind == "position" and _goes_on(data):
         return []  # a speed would fall with its input
@@ -79,14 +78,6 @@ def _comes_to_rest(data: Dataset) -> bool:
         if end - first >= _LONG and data.input_at_output[first] != 0
     ]
     return bool(stretches) and all(np.ptp(y[-len(y) // 4 :]) < _HARDLY * np.ptp(y) for y in stretches)
-
-
-def _comes_back(data: Dataset) -> bool:
-    """Whether the output comes a good part of its way back although the input keeps its sign, as a speed does and no shaft."""
-    one_sign = data.u.min() >= 0.0 or data.u.max() <= 0.0
-    way = data.y * float(np.sign(data.y[np.argmax(np.abs(data.y))]))
-    fallen = np.maximum.accumulate(way) - way
-    return one_sign and float(fallen.max(initial=0.0)) > _BACK * float(np.ptp(data.y))
 
 
 def _slows_down(data: Dataset) -> bool:
