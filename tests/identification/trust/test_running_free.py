@@ -68,10 +68,10 @@ def test_a_driver_that_brakes_is_not(output: str, holds: tuple[float, ...]) -> N
     assert result.verdict is Verdict.TRUSTED
 
 
-@pytest.mark.parametrize("per_rad", [5.0, 20.0, 80.0])
-def test_what_a_coast_tells_of_gain_and_friction_depends_on_the_driver(per_rad: float) -> None:
-    """A step, and then no input: a driver that lets go of the motor leaves a straight line, which another gain nearly makes."""
-    u = np.where(np.arange(1000) < 700, 4.7, 0.0)
+@pytest.mark.parametrize(("per_rad", "left"), [(5.0, 0.0), (20.0, 0.0), (80.0, 0.0), (20.0, 0.1)])
+def test_what_a_coast_tells_of_gain_and_friction_depends_on_the_driver(per_rad: float, left: float) -> None:
+    """A step, and then next to no input: a driver that lets go of the motor leaves a line, which another gain nearly makes."""
+    u = np.where(np.arange(1000) < 700, 4.7, left)
     _, angle = driven(u, 0.2, lets_go=True)
     result = sb.identify(
         {"u": u[::5], "angle": np.floor(per_rad * angle[::5])},
