@@ -175,14 +175,14 @@ def instead_of(first: float, second: float, digits: int = 4, unit: str = "") -> 
 
 
 def change_text(value: float, usual: float) -> str:
-    """Return `18 % smaller`, `2.5 times as large`, `4 % of that`, `the same` or `of the other sign`: one beside another."""
+    """Return `18 % smaller`, `2.5 times as large`, `25 times smaller`, `the same` or `of the other sign`: one beside another."""
     ratio = value / usual if usual else 0.0
     if not ratio > 0:
         return "of the other sign"
     if ratio >= 2:
         return f"{plain(ratio, 2)} times as large"
     if ratio < 0.1:
-        return f"{plain(100 * ratio, 2)} % of that"
+        return f"{plain(1 / ratio, 2)} times smaller"
     percent = 100 * abs(ratio - 1)
     return f"{plain(percent, 2)} % {'larger' if ratio > 1 else 'smaller'}" if percent >= 0.001 else "the same"
 

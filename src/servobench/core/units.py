@@ -84,7 +84,7 @@ _AS_SHOWN = ("counts", "°")  # other names that are written wherever a unit is 
 _SHORT = {"dps": "deg/s", "rps": "rev/s"}
 _OF_THE_FIELD = {
     "U/min": "rpm", "Umdr/min": "rpm",  # German: U alone is a voltage's symbol, and no unit
-    "in/s": "inch/s", "in/sec": "inch/s",  # by itself `in` is a word
+    "in/s": "inch/s", "in/sec": "inch/s", "in/second": "inch/s", "in/min": "inch/min",  # by itself `in` is a word
     "1/min": "rpm", "min^-1": "rpm", "min-1": "rpm", "min⁻¹": "rpm",  # ISO 80000: a rotational frequency, with the turn left out
 }  # fmt: skip
 _LONGEST = 80  # characters; no unit needs more, and a longer text must not cost time or depth

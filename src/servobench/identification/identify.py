@@ -87,7 +87,7 @@ from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 # Speeds that settle by the levels of the input are no chance, either.
 _CONSEQUENCES = {
     "kind-mistaken": ("nothing-known",),
-    "output-stops": ("delay-negative",),
+    "output-stops": ("delay-negative", "shaft-comes-to-rest"),
     "motion-stopped": ("output-stops",),
     "gain-falls": ("speed-levels-off", "output-limited"),
     "speed-levels-off": ("structure-wrong", "fit-by-chance", "fit-poor", "offset-negative", "output-limited"),

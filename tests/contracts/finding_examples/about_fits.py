@@ -201,8 +201,8 @@ EXAMPLES = (
     _example("gain-local", lambda: _near(3.0, 0.3), lambda: _near(0.0, 3.0)),
     _example(
         "input-hardly-matters",
+        lambda: with_sd(with_values(_one_way(0.0), coulomb_voltage=-20.0), gain=1.0),
         lambda: with_values(_one_way(0.0), coulomb_voltage=-20.0),
-        lambda: with_values(_one_way(0.0), coulomb_voltage=-2.0),
     ),
     _example("input-is-a-goal", lambda: _position_loop("rad"), lambda: _position_loop("V")),
     _example("input-late", lambda: fit_with_usual_delay(50), lambda: fit_with_usual_delay(0)),

@@ -41,7 +41,7 @@ from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
-from servobench.identification.models.level import single_level
+from servobench.identification.models.level import few_levels, single_level
 from servobench.identification.models.motion import stands, turns_both_ways
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
@@ -207,7 +207,12 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
         return _Base(fit=with_friction, findings=(_friction_possible(gains),), fits=fits)
     if _hides_friction(with_friction):
         return _Base(fit=with_friction, findings=(_friction_hidden(),), fits=fits)
-    sentence = "The data show no Coulomb friction: the model without it explains them equally well."
+    sentence = (
+        "The data show no Coulomb friction: the model without it explains them equally well."
+        if few_levels(data) is None
+        else "A model without Coulomb friction explains these data equally well. Under so few levels a few percent of friction "
+        "look like another gain, which the interval of the gain allows for where the residual shows that the model isn't exact."
+    )
     return _Base(fit=frictionless, findings=(info("friction-not-found", sentence),), fits=fits)
 
 
@@ -298,7 +303,9 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     # follow the rounding of the rest besides. What is as good, or as rounding, is no worse.
     as_good = with_rest.residual_sd <= _AS_GOOD * one_way.residual_sd or is_rounding(with_rest)
     drifts = not (is_usual(with_rest) and as_good)
-    worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
+    # Nor does a shaft that came to rest say that nothing holds it: a constant that were no friction would go on acting.
+    rested = begins or _stands(data)
+    worth = not (clearly_better(one_way, with_rest) and drifts) if rested else better(with_rest, one_way)
     driven = any(record.starts_at_rest for record in data) and _drives(one_way)
     # Speeds under several levels may show that a constant does drive it, whatever that is: `speed-levels-off` says so then.
     worth = worth or (driven and (single_level(data) is not None or not clearly_better(one_way, with_rest)))
@@ -366,7 +373,11 @@ def _climb(
         terms = [
             term
             for term in _candidate_terms(here.shown, here.fit)
-            if term not in refused and with_added_term(here.fit.structure, term)
+            if term not in refused
+            and with_added_term(here.fit.structure, term)
+            and not (
+                term == "asymmetric" and few_levels(data) is not None
+            )  # one level a direction can't tell
         ]
         significant = _significant_terms(here.shown)
         rungs = (

@@ -22,7 +22,7 @@ from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import SAME, instead_of
 from servobench.identification.estimators.base import Fit, IntervalsOnDemand
 from servobench.identification.estimators.budget import Contribution, beyond
-from servobench.identification.estimators.covariance import conservative, sandwich_over
+from servobench.identification.estimators.covariance import sandwich_over
 from servobench.identification.estimators.delay_prior import prior_of
 from servobench.identification.estimators.disturbance import (
     Disturbance,
@@ -60,9 +60,12 @@ def allow_for_misfit(fit: Fit) -> Fit:
     """
     theta, covariance = _second(fit)
     difference = fit.model.theta - theta
-    wide = conservative(fit.covariance, covariance + np.outer(difference, difference))
     reason = "weighted for a random torque, the same data give different values"
-    line = Contribution(source=SOURCE, covariance=beyond(wide, fit.covariance), reason=reason)
+    line = Contribution(
+        source=SOURCE,
+        covariance=beyond(covariance + np.outer(difference, difference), fit.covariance),
+        reason=reason,
+    )
     wider = fit.widen(line)
     return replace(
         wider,

@@ -17,6 +17,8 @@ _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
 _FEW = 10  # samples that move, too few to tell the levels
 _SHORT = 20  # of these parts of a record is the longest span over which motion has to be seen
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
+_FEW_LEVELS = 3  # as many as there are parameters for them
+_ALIKE = 0.1  # of the largest input: magnitudes that differ by less are as good as one
 _NOISY = 0.1  # of the largest input: measured values that lie no further apart may be one level with noise
 _SPANS = 50  # parts of a record, whose means have next to no noise
 
@@ -56,6 +58,25 @@ def one_level(structure: Structure, records: Sequence[Dataset]) -> OneLevel | No
         return None
     driven = abs(level) if structure.friction else level
     return OneLevel(level=driven, gain=names.index("gain"), friction=names.index("coulomb_voltage"))
+
+
+def few_levels(records: Sequence[Dataset]) -> Array | None:
+    """Return the two or three levels (L,) that drove a motor to and fro, in the input's unit; None where there were others.
+
+    Under so few a friction, an offset and a gain that differs by direction look like one another; under one magnitude both ways
+    only the shape of the reversals tells them apart, and that is another case.
+    """
+    u = np.concatenate([record.u for record in records])
+    least = _ONE * float(np.abs(u).max(initial=0.0))
+    values = np.unique(u[np.abs(u) > least])
+    if not values.min(initial=0.0) < 0.0 < values.max(initial=0.0):
+        return None
+    levels = np.array(
+        [group.mean() for group in np.split(values, np.flatnonzero(np.diff(values) > least) + 1)]
+    )
+    if len(levels) > _FEW_LEVELS:
+        return None
+    return levels if np.ptp(np.abs(levels)) > _ALIKE * np.abs(levels).max() else None
 
 
 @keep_with_data

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,15 @@ def stretches_of_input(data: Dataset) -> tuple[NDArray[np.int64], NDArray[np.int
     """Return the first sample of the output under each constant input, and the one after its last (S,)."""
     changes = np.flatnonzero(np.diff(data.input_at_output)) + 1
     return np.append(0, changes), np.append(changes, len(data.y))
+
+
+def quarters(data: Dataset, first: int, end: int) -> list[slice]:
+    """Return the samples of each quarter of the time from sample `first` to before `end`; none where one of them has no two."""
+    t = data.t_output
+    inner = np.searchsorted(t, np.linspace(t[first], t[end - 1], 5)[1:-1])
+    edges = [first, *(int(n) for n in inner), end]
+    parts = [slice(a, b) for a, b in pairwise(edges)]
+    return parts if all(part.stop - part.start >= 2 for part in parts) else []
 
 
 def steady_speeds(data: Dataset) -> list[SteadySpeed]:

@@ -6,9 +6,9 @@ friction that rests at its bound is held there for the others' sake. So the fric
 and the others are searched for. Where one goes twice as far as its own interval reaches, the intervals are stretched to hold it,
 and the budget has
 
-    C = δ δ' / 1.96²,   δ = 8 (θ(u + (U - u)/8) - θ(u)),
+    C = δ δ' / 1.96²,   δ = 64 (θ(u + (U - u)/64) - θ(u)),
 
-whose direction is that of the first eighth of the way: gain and friction have a product in common, which is known as before.
+whose direction is that of the first step on the way: gain and friction have a product in common, which is known as before.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from servobench.identification.estimators.least_squares import NormalEquations, 
 from servobench.identification.estimators.prediction_error import maximum_likelihood
 
 SOURCE: Final = "friction not known"
-_NEAR: Final = 0.125  # of the way to the far end
+_NEAR: Final = 1 / 64  # of the way to the far end
 _KNOWN: Final = 0.5  # of its value: a gain known to no better isn't stated by itself
 _CLEARLY: Final = 2.0  # times their intervals: what is straight stays within them
 

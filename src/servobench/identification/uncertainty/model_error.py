@@ -26,6 +26,7 @@ from servobench.identification.estimators.covariance import fixed_b, long_run
 from servobench.identification.estimators.prediction_error import rounding_explains
 from servobench.identification.estimators.residual_correlation import TIED, input_correlation
 from servobench.identification.estimators.sizes import sizes
+from servobench.identification.models.level import few_levels
 from servobench.identification.models.steady import stretches_of_input
 from servobench.identification.uncertainty.experience import (
     FEW_EVENTS,
@@ -61,6 +62,10 @@ _BARE = 0.2  # of p/N: what each sample adds to the clock
 _BY_SHAPE = 0.5  # of the friction: the standard deviation of what a reversal's shape tells of it, where the model is wrong
 _CHANGES = 0.2  # of the samples: an input that changes in more of them is held nowhere
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
+_BY_DIRECTION = (
+    0.045  # of the gain: the standard deviation of what it differs by from one direction to the other
+)
+_USUAL = 0.03  # of the largest input: the standard deviation of a friction that the model lacks
 _NEAR = 0.1  # of the largest input: so near, either way, a level says next to nothing of friction beside the other
 
 
@@ -404,34 +409,68 @@ def _of_reversals(fit: Fit) -> Array:
     near a reversal, by play or a compliant shaft, isn't seen in the speeds, and half of the friction may come from there.
     """
     names, theta = fit.model.names, fit.model.theta
-    at_one_speed = _at_one_speed(fit)
-    if at_one_speed is None:
+    along = _at_one_speed(fit)
+    u = np.concatenate([record.data.u for record in fit.records])
+    reverses = u.min(initial=0.0) < 0.0 < u.max(initial=0.0)
+    if along is None or not reverses or np.any(np.abs(u) < _LEVEL * np.abs(u).max()):
         return np.zeros((len(names), len(names)))
-    split = _BY_SHAPE * theta[names.index("coulomb_voltage")] * at_one_speed
+    split = _BY_SHAPE * theta[names.index("coulomb_voltage")] * along
     return np.outer(split, split)
 
 
-def _at_one_speed(fit: Fit) -> Array | None:
-    """The change of the parameters (P,) with the Coulomb voltage at the only speed either way; None where there are several."""
+def _of_directions(fit: Fit) -> Array:
+    """The covariance (P, P) of gain, friction and offset where a few levels to and fro have to tell them from one another.
+
+    A motor whose gain is by a part smaller in one direction, as most are by a few percent, acts as if half of that part of |u|
+    were added to its input, and friction takes u_c sgn(u). Under two or three levels either looks like other values of the rest.
+    """
     names, theta = fit.model.names, fit.model.theta
-    level = _one_magnitude(fit)
-    if "coulomb_voltage" not in names or not level:
+    levels = few_levels([record.data for record in fit.records])
+    if levels is None:
+        return np.zeros((len(names), len(names)))
+    taken = {"coulomb_voltage": np.sign(levels), "offset_voltage": np.ones(len(levels))}
+    at = [names.index("gain"), *(names.index(name) for name in taken if name in names)]
+    driven = levels - sum(theta[names.index(name)] * each for name, each in taken.items() if name in names)
+    largest = float(np.abs(levels).max())
+    columns = np.column_stack([driven, *(-largest * taken[names[n]] for n in at[1:])])
+    unseen = [_BY_DIRECTION * 0.5 * np.abs(levels)]
+    if "coulomb_voltage" not in names:
+        unseen.append(-_USUAL * largest * np.sign(levels))
+    moved = np.linalg.lstsq(columns, np.column_stack(unseen), rcond=1e-6)[0]
+    moved *= np.array([theta[at[0]], *([largest] * (len(at) - 1))])[:, None]
+    out = np.zeros((len(names), len(names)))
+    out[np.ix_(at, at)] = moved @ moved.T
+    return out
+
+
+def _at_one_speed(fit: Fit) -> Array | None:
+    """The change of the parameters (P,) with the Coulomb voltage at the only speed that was driven at; None for several."""
+    names, theta = fit.model.names, fit.model.theta
+    if "coulomb_voltage" not in names:
+        return None
+    level = _only_level(fit)
+    if level == 0.0:
         return None
     friction, gain = names.index("coulomb_voltage"), names.index("gain")
+    driven = level - float(theta[friction])
     change = np.zeros(len(names))
     change[friction] = 1.0
-    change[gain] = theta[gain] / max(level - theta[friction], _LEVEL * level)
+    change[gain] = theta[gain] / (np.sign(level) * max(np.sign(level) * driven, _LEVEL * abs(level)))
     return change
 
 
-def _one_magnitude(fit: Fit) -> float:
-    """The mean magnitude of an input that has as good as one, in both directions; 0 where there is none such."""
+def _only_level(fit: Fit) -> float:
+    """The mean of the inputs that drive a motor where they are as good as one, in one direction or both; 0 where they aren't.
+
+    Friction brakes whichever way the shaft turns, so that its level has no sign; the constant of a motor that turns one way has.
+    """
     u = np.concatenate([record.data.u for record in fit.records])
-    sizes_of_input, largest = np.abs(u), float(np.abs(u).max(initial=0.0))
-    one = bool((sizes_of_input >= (1.0 - _NEAR) * largest).all()) and u.min(initial=0.0) < 0.0 < u.max(
-        initial=0.0
-    )
-    return float(sizes_of_input.mean()) if one else 0.0
+    driving = u[np.abs(u) >= _LEVEL * np.abs(u).max(initial=0.0)]
+    if fit.model.structure.friction:
+        driving = np.abs(driving)
+    if not len(driving) or np.ptp(driving) > _NEAR * np.abs(driving).max():
+        return 0.0
+    return float(driving.mean())
 
 
 def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
@@ -448,7 +487,7 @@ def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, floa
             out[at[name], at[name]] += floor
     if known["gain"] is not ONE_LEVEL:
         out += (shares["gain"] * _floor(fit, "gain", known["gain"])) ** 2 * _of_friction(fit)
-    out += shares["gain"] ** 2 * _of_reversals(fit)
+    out += shares["gain"] ** 2 * (_of_reversals(fit) + _of_directions(fit))
     out += (shares["lag"] * _floor(fit, "lag", known["lag"])) ** 2 * _of_short_records(fit, _lag(fit))
     if "delay" in at:
         split = np.zeros(len(names))

@@ -6,9 +6,9 @@
 - *A dead band.* An amplifier, or the software before it, passes nothing until the input is large enough, and then that much less.
   While the shaft turns as the input says, friction costs as much; where the input has changed its sign and the shaft hasn't, it
   doesn't. Under one size of input the gain is that between its levels, dead band included.
-- *A driver that lets go.* Without an input many drivers leave the motor open, so that its winding, which lost ω/K of the input,
-  brakes it no longer; the bearings still do, by about a tenth of that. Where gain and friction are told apart by a run-down
-  alone, that makes all the difference.
+- *A driver that lets go.* Under next to no input many drivers leave the motor open, so that its winding, which lost ω/K of the
+  input, brakes it no longer; the bearings still do, by about a tenth of that. Where a run-down alone tells gain and friction
+  apart, that makes all the difference.
 - *Play in a gear.* The output rests until the gap is used up, then follows. In a record of a few degrees of travel that looks
   like less friction and less gain.
 
@@ -57,7 +57,7 @@ def with_small_departures(fit: Fit) -> Fit:
             (
                 let_go,
                 "a driver that lets go",
-                "the driver may let go of the motor without an input, and not brake it",
+                "the driver may let go of the motor under next to no input, and not brake it",
             )
         )
     if all(record.data.position_unit == "rad" for record in fit.records):
@@ -86,7 +86,7 @@ def _warming(gain: float, largest: float) -> Term:
 
 
 def _free_wheel(gain: float, largest: float) -> Term:
-    """The input that takes the place of the winding's braking while there is no input, in parts of the largest [input unit]."""
+    """The input in place of the winding's braking while there is next to none, in parts of the largest [input unit]."""
 
     def open_winding(motion: Motion) -> tuple[Array, ...]:
         open_circuit = np.abs(motion.input) <= _HARDLY

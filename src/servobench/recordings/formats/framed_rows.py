@@ -11,7 +11,10 @@ _FRAMES = (
     re.compile(r"\s*[\[({]++(?P<row>[^\[\](){}]++)[\])}]++\s*+[,;]?+\s*"),
     re.compile(r"\s*\|(?P<row>.*)\|\s*"),
     # Two cells at least; `1,5;` is a number with a decimal comma.
-    re.compile(r"(?!\s*+[+-]?\d++,\d++\s*+;)(?P<row>\s*+[^;,\s]++[,\s]++[^;,\s][^;]*+);\s*+"),
+    re.compile(
+        r"(?!\s*+[+-]?\d++,\d++\s*+;)(?:\s*+[A-Za-z]\w*+\s*+=\s*+\[)?"
+        r"(?P<row>\s*+[^;,\s\[\]]++[,\s]++[^;,\s\[\]][^;\[\]]*+)\]?;\s*+"
+    ),
     # A comma behind cells that blanks separate, and what begins and ends the matrix.
     re.compile(
         r"(?:\s*+[A-Za-z]\w*+\s*+=\s*+\[)?(?P<row>\s*+[^,;\s\[\]]++(?:[ \t]++[^,;\s\[\]]++)++)\s*+(?:,|\]?;|\])\s*+"
@@ -19,7 +22,10 @@ _FRAMES = (
 )
 _SHARE = 0.5  # of the rows, more than which have a frame; the names of the columns may stand without
 _RULE = frozenset("-_=|+: \t")
-_TITLE = re.compile(r"\s*[A-Za-z]\w*\s*=\s*\[?\s*")  # above a matrix that MATLAB displays, or a script makes
+_TITLE = re.compile(
+    r"\s*+[A-Za-z]\w*+\s*+=\s*+\[?+\s*+"
+)  # above a matrix that MATLAB displays, or a script makes
+_ENDS = ("]", "];")  # of such a matrix
 _STROKES = ("---", "___", "===", ":-", "-:")
 _NEAR = 3  # lines, of which the one above a rule may be blank
 _BEGINS_WITH_A_NUMBER = re.compile(r"[\s|\[({]*[+-]?[.0-9]")
@@ -41,7 +47,9 @@ def rules(lines: Sequence[str]) -> set[int]:
     return {
         k
         for k, line in enumerate(lines)
-        if (line[:1] in _RULE and _is_rule(lines, k)) or (line[-1:] in ("=", "[") and _TITLE.fullmatch(line))
+        if line in _ENDS
+        or (line[:1] in _RULE and _is_rule(lines, k))
+        or (line[-1:] in ("=", "[") and _TITLE.fullmatch(line))
     }
 
 

@@ -33,7 +33,7 @@ _NAME = re.compile(r"[^\W\d][^:=,;|\t\"']{0,100}+")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
 _BEGINS_WITH_A_NAME = re.compile(r"\s*[^\W\d][^:=]*+$")
 _FEWEST = 2  # names in a row
-_TOP = 30  # lines of a text, among which its row of names is
+_NEARLY_ALL = 0.9  # of the rows
 _SHARE = 0.5  # of the rows, more than which have the same labels
 _MOST = 100  # values in a row
 
@@ -54,9 +54,8 @@ class BareRows:
 
 def without_labels(content: Sequence[str], sample: Sequence[str]) -> BareRows | None:
     """Return the rows of a table without labels; None where not most of a `sample` of them have the same ones."""
-    if not any(_names_only(line) for line in content[:_TOP]):
-        content = [_with_marks(line) for line in content]
-        sample = [_with_marks(line) for line in sample]
+    if _names_stand_in_turn(content, sample):
+        content, sample = ([_with_marks(line) for line in lines] for lines in (content, sample))
     pairs = [each for line in sample if (each := _pairs(line))]
     names, count = (
         Counter(tuple(name for name, _ in each) for each in pairs).most_common(1)[0] if pairs else ((), 0)
@@ -82,10 +81,19 @@ def _with_marks(line: str) -> str:
     return ",".join(f"{name}:{value}" for name, value in zip(names, values, strict=True))
 
 
-def _names_only(line: str) -> bool:
-    """Whether a line is a row of names: what stands in turn below it are columns of words and of numbers."""
-    cells = _cells(line)
-    return len(cells) > _FEWEST and all(map(_NAME.fullmatch, cells))
+def _names_stand_in_turn(content: Sequence[str], sample: Sequence[str]) -> bool:
+    """Whether nearly all rows have the same names between their numbers, and no row above them names columns of words instead."""
+    in_turn = [_with_marks(line) != line for line in sample]
+    if not any(in_turn):
+        return False
+    below = sample[in_turn.index(True) :]
+    names = Counter(tuple(_cells(line)[::2]) for line in below if _with_marks(line) != line)
+    if names.most_common(1)[0][1] < _NEARLY_ALL * len(below):
+        return False
+    width = 2 * len(names.most_common(1)[0][0])
+    first = next((k for k, line in enumerate(content) if _with_marks(line) != line), 0)
+    above = (_cells(line) for line in content[:first])
+    return not any(len(cells) == width and not any(map(_NUMBER.fullmatch, cells)) for cells in above)
 
 
 def _pairs(line: str) -> list[tuple[str, str]]:

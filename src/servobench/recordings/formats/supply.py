@@ -15,8 +15,10 @@ from servobench.recordings.formats.roles import ColumnSpec, quantity_of
 from servobench.recordings.recording import Recording, Series
 
 _DUTIES = {"%": 0.01, "1": 1.0}
-_WHOLE = 1.05  # a percent or two more is an amplifier's own scale
-_FEW = 0.01  # of the rows may be false
+WHOLE = 1.05
+"""Of the supply: a duty is never more than 1, but for a percent or two of an amplifier's own scale."""
+_FALSE = 2  # rows, or
+_FEW = 0.01  # of all: so many may be false
 _BEGINS_AS_NUMBER = re.compile(r"\s*[-+]?(?:\d|\.\d)")
 
 
@@ -72,11 +74,11 @@ def motor_voltage(recording: Recording, supply: Series | None, volts: float | No
 def _check_whole(recording: Recording, duty: Series, whole: float) -> None:
     """Refuse a duty that is more than the whole in more rows than a few false ones: then what is 100 % was said wrongly."""
     parts = np.abs(duty.values[np.isfinite(duty.values)]) * whole
-    if len(parts) and float(np.mean(parts > _WHOLE)) > _FEW:
+    if np.count_nonzero(parts > WHOLE) > max(_FALSE, _FEW * len(parts)):
+        reached = f"{100 * float(np.percentile(parts, 98)):.4g} %"
         raise UsageError(
-            f"{recording.name}: the duty `{duty.channel.name}` reaches {100 * float(parts.max()):.4g} % of its supply; expected "
-            "at most 100 %. Say which count is 100 %, as in `input=COL:PWM/1023`, or leave the supply out if the column holds "
-            "volts"
+            f"{recording.name}: the duty `{duty.channel.name}` reaches {reached} of its supply; expected at most 100 %. Say "
+            "which count is 100 %, as in `input=COL:PWM/1023`, or leave the supply out if the column holds volts"
         )
 
 

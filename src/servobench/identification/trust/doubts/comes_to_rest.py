@@ -10,13 +10,13 @@ from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.steady import stretches_of_input
+from servobench.identification.models.steady import quarters, stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.goal import OF_A_SHAFT
 from servobench.recordings.measurement.dataset import Dataset
 
 _FEW = 12  # samples under one input
-_BEFORE = 3  # samples of rest at least, and a quarter of those under the input, as far as the record has them
+_BEFORE = 3  # samples of rest, and a quarter of the time under the input, unless the record's outputs begin later than its inputs
 _SETS_OFF = 1.2  # times the first step under the input: a shaft that only coasts on gets slower and slower
 _RESTED = 0.15  # of the way: what a shaft at rest may seem to have moved by, the noise of a servo's own sensor included
 _STANDS = 0.05  # of the way, from one quarter to the next: at a steady speed it is a quarter
@@ -92,21 +92,31 @@ def _way(data: Dataset) -> Array:
 
 
 def _move(data: Dataset, position: Array, first: int, end: int) -> _Move | None:
-    long = max(_BEFORE, (end - first) // 4)
-    before, under = position[max(first - long, 0) : first], position[first:end]
-    steps = np.abs(np.diff(under, prepend=before[-1]))
-    third, last = (float(part.mean()) for part in np.array_split(under, 4)[2:])
-    way = last - float(before.mean())
-    rest = under[len(under) // 2 :]
-    noise = float(np.std(rest))
-    sets_off = len(before) == long or float(steps.max()) > _SETS_OFF * float(steps[0])
-    rested = sets_off and np.ptp(before) <= _RESTED * abs(way)
-    stands = abs(last - third) <= _STANDS * abs(way) and np.ptp(rest) <= _NOISY * abs(way)
-    clear = abs(way) > max(_CLEAR * noise, _COUNTS * (data.quantum or 0.0))
+    t, parts = data.t_output, quarters(data, first, end)
+    since = int(np.searchsorted(t, t[first] - (t[end - 1] - t[first]) / 4))
+    before, under = position[min(since, max(first - _BEFORE, 0)) : first], position[first:end]
+    if not parts or (len(before) < _BEFORE and data.t_input[0] >= t[first - 1]):
+        return None  # too few samples, or it isn't known that the input changes here
+    third, last = (float(position[part].mean()) for part in parts[2:])
+    way, rest = abs(last - float(before.mean())), position[parts[2].start : end]
+    rested = np.ptp(before) <= _RESTED * way and _sets_off(
+        t[first - len(before) : end], position[first - len(before) : end], len(before)
+    )
+    stands = abs(last - third) <= _STANDS * way and np.ptp(rest) <= _NOISY * way
+    clear = way > max(_CLEAR * float(np.std(rest)), _COUNTS * (data.quantum or 0.0))
     if not (rested and stands and clear):
         return None
-    far = np.flatnonzero(np.abs(under - last) > _RESTED * abs(way))
+    far = np.flatnonzero(np.abs(under - last) > _RESTED * way)
     return _Move(first=first, arrived=first + (int(far[-1]) + 1 if len(far) else 0), end=end)
+
+
+def _sets_off(t: Array, position: Array, before: int) -> bool:
+    """Whether a shaft (N,) becomes faster after its first samples; one that coasts on into the friction of a level is slower.
+
+    Of a single sample before, the first step under the input says how fast it was.
+    """
+    pace = np.abs(np.diff(position)) / np.diff(t)
+    return bool(pace[before - 1 :].max() > _SETS_OFF * pace[max(before - 2, 0)])
 
 
 DOUBTS.member("comes_to_rest")(Doubt(codes=("shaft-comes-to-rest",), about_fit=_about))

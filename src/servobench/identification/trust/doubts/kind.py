@@ -14,7 +14,7 @@ from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import Layout, at, lowest
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.position_loop.goal import goal_finding
-from servobench.identification.models.steady import stretches_of_input
+from servobench.identification.models.steady import quarters, stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.echo import alike
 from servobench.identification.trust.doubts.rest_claimed import isnt_at_rest
@@ -93,10 +93,10 @@ def _slows_down(data: Dataset) -> bool:
                 _rests_before(data, first, last) or 2 * abs(u[first]) <= abs(u[last - 1])
             ):
                 continue
-            way = data.y[first:last] * np.sign(data.y[last - 1] - data.y[first])
-            went = np.array([part[-1] - part[0] for part in np.array_split(way, 4)])
+            way = data.y * np.sign(data.y[last - 1] - data.y[first])
+            went = np.array([way[part][-1] - way[part][0] for part in quarters(data, first, last)])
             earlier = np.maximum.accumulate(went[:-1])
-            if bool(np.any((earlier > _CLEAR * data.noise) & (went[1:] < _SLOWER * earlier))):
+            if len(went) and bool(np.any((earlier > _CLEAR * data.noise) & (went[1:] < _SLOWER * earlier))):
                 return True
     return False
 
@@ -104,7 +104,7 @@ def _slows_down(data: Dataset) -> bool:
 def _rests_before(data: Dataset, first: int, last: int) -> bool:
     """Whether the output stands before the rows `first` to `last`, as long as they last or since the record began."""
     before = data.y[max(2 * first - last, 0) : first]
-    return data.starts_at_rest if not len(before) else float(np.ptp(before)) <= data.noise
+    return data.starts_at_rest if len(before) < _FEW_LOW else float(np.ptp(before)) <= data.noise
 
 
 def _goes_on(data: Dataset) -> bool:

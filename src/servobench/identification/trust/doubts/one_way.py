@@ -92,10 +92,12 @@ def _one_way(fit: Fit) -> list[Finding]:
 
 
 def _input_hardly_matters(fit: Fit) -> bool:
-    """Whether a constant drives the model far more than any of several inputs does: those that are there explain nothing."""
+    """Whether a constant drives the model far more than any of several inputs does, of which it may do without."""
+    gain = fit["gain"]
     data = [record.data for record in fit.records]
     largest = max(float(np.abs(record.u).max(initial=0.0)) for record in data)
-    return single_level(data) is None and abs(fit.model["coulomb_voltage"]) > _BEYOND * largest
+    far = abs(fit.model["coulomb_voltage"]) > _BEYOND * largest
+    return far and not 2 * gain.sd < abs(gain.value) and single_level(data) is None
 
 
 DOUBTS.member("one_way")(

@@ -11,6 +11,8 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
 _NEARLY_ALL = 0.96  # of the sum without signs: the rest may be noise, or a shaft that shivers at rest
+_EXPLAINED = 90.0  # percent of the output
+_KNOWN = 0.1  # of its value
 _BACK = 0.05  # of the way: what a position with noise may seem to come back
 
 
@@ -20,7 +22,8 @@ def _sense(fit: Fit) -> list[Finding]:
     gain = fit["gain"]
     # The sign of a gain that may be zero is unknown.
     signed = 2 * gain.sd < abs(gain.value)
-    if (signed or _starts_with_a_sign(fit)) and _runs_against_itself(fit):
+    against = (signed or _starts_with_a_sign(fit)) and _runs_against_itself(fit)
+    if against and not _is_inverted(fit):
         sentence = (
             f"The gain comes out {'negative' if gain.value < 0 else 'positive'}, although the motor turns "
             f"{'as' if gain.value < 0 else 'against what'} its input says all the time: the speed doesn't follow this input as a "
@@ -50,10 +53,20 @@ def _runs_against_itself(fit: Fit) -> bool:
     return senses == {-np.sign(fit.model["gain"])}
 
 
+def _is_inverted(fit: Fit) -> bool:
+    """Whether the input is one that is largest at rest: a known constant, beyond all inputs, explains the motion with it."""
+    if "coulomb_voltage" not in fit.model.names or fit.fit_percent < _EXPLAINED:
+        return False
+    most = fit["coulomb_voltage"]
+    u = np.concatenate([record.data.u for record in fit.records])
+    beyond = most.value * np.sign(u.sum()) >= _NEARLY_ALL * float(np.abs(u).max())
+    return bool(beyond and most.sd < _KNOWN * abs(most.value))
+
+
 def _starts_with_a_sign(fit: Fit) -> bool:
     """Whether K/τ, by which an input sets the shaft off, is known to be no zero."""
     names = fit.model.names
-    if "time_constant" not in names:
+    if "time_constant" not in names or not fit.model["gain"] * fit.model["time_constant"]:
         return False
     at = [names.index(name) for name in ("gain", "time_constant")]
     slopes = np.array([1.0 / fit.model["gain"], -1.0 / fit.model["time_constant"]])  # of ln(K/τ)

@@ -14,11 +14,11 @@ from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.recordings.formats.likely_units import LARGEST_SUPPLY
+from servobench.recordings.formats.supply import WHOLE
 from servobench.recordings.measurement.dataset import Dataset
 
 _FASTEST = 3500.0  # rad/s, 33,000 rpm: small motors with an encoder reach it; a servo motor in degrees seems to go beyond
 _VOLTAGES = (0.05, 1000.0)  # V: less moves no motor, more is for locomotives
-_WHOLE = 105.0  # %: a duty is never more than 100, but for a percent or two of an amplifier's own scale
 _SLOWEST = 30.0  # s: a time constant of half a minute is a flywheel's
 _RARELY = 0.5  # s between samples
 
@@ -34,7 +34,7 @@ def _input_size(data: Dataset) -> list[Finding]:
     largest = float(np.abs(data.u).max(initial=0.0))
     if any(f.code == "unit-contradicted" and "coulomb_voltage" in f.parameters for f in data.findings):
         return []
-    if data.input_unit == "%" and largest > _WHOLE:
+    if data.input_unit == "%" and largest > 100.0 * WHOLE:
         sentence = (
             f"{data.name}: the duty reaches {plain(largest, 4)} %, more than the whole: these may be steps of a timer. "
             "Give the count that is 100 %, as in `input=COL:PWM/255` or `input=COL:PWM/1023`, or the unit: `input=COL:UNIT`."

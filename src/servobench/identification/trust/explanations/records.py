@@ -19,6 +19,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _SWEPT = 3.0  # times through its range: fewer changes can't tell a motor that changes from one that lags
 _BY_FRICTION = 1.5  # a record of one level can't tell its gain from its friction, which takes a third of the level at the most
+_BENT = 3.0  # times: a gain that differs by more between two levels is no bend
 _LARGER = 1.2  # times as large are inputs that lie elsewhere on the characteristic
 _APART = 0.02  # of the gain: records of one motor differ by less
 
@@ -48,7 +49,7 @@ def _records(case: Case) -> CauseFit | None:
         return None
     bends = (
         f"The inputs of {odd.name} are the {'larger' if times < 1 else 'smaller'} ones, so the characteristic may bend. "
-        "Otherwise they"
+        "Otherwise the records"
         if _bends_instead(case, odd, times)
         else "They"
     )
@@ -71,6 +72,8 @@ def _records(case: Case) -> CauseFit | None:
 
 def _bends_instead(case: Case, odd: Dataset, times: float) -> bool:
     """Whether the odd record has inputs that are larger than all others' and act less, or smaller ones that act more."""
+    if not 1.0 / _BENT < times < _BENT:
+        return False
     own = max(float(np.abs(each.u).max()) for each in case.motions if each.data is odd)
     others = [float(np.abs(each.u).max()) for each in case.motions if each.data is not odd]
     return own > _LARGER * max(others) if times < 1 else _LARGER * own < min(others)
