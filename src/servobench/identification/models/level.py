@@ -15,6 +15,7 @@ from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
 _FEW = 10  # samples that move, too few to tell the levels
+_BRIEF = 4  # samples of a run-down
 _SHORT = 20  # of these parts of a record is the longest span over which motion has to be seen
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
 _FEW_LEVELS = 3  # as many as there are parameters for them
@@ -94,10 +95,17 @@ def _level_of(records: Sequence[Dataset]) -> float | None:
         levels = np.concatenate([_while_moving(record, clear) for record in records])
         if len(levels) < _FEW:
             continue
-        low, high = (float(level) for level in np.percentile(levels, (1, 99)))
+        low, high = _but_for_a_few(levels)
         if high - low <= _ONE * largest or (high - low <= _NOISY * largest and _is_noisy(levels, largest)):
             return 0.5 * (low + high)
     return None
+
+
+def _but_for_a_few(levels: Array) -> tuple[float, float]:
+    """The lowest and the highest of the levels (N,) but for a percent, or for samples too few to show how a motor brakes."""
+    few = min(max(len(levels) // 100, _BRIEF), (len(levels) - 1) // 2)
+    ascending = np.sort(levels)
+    return float(ascending[few]), float(ascending[-1 - few])
 
 
 def _is_noisy(levels: Array, largest: float) -> bool:
