@@ -44,6 +44,8 @@ INERTIAS = ["kg·m²", "g·cm²", "kg*mm^2", "mN·m·s²", "J·s^2"]
         ("m/s/mV", 1e3),
         ("1/ms", 1e3),
         ("counts per rev", 1 / (2 * math.pi)),
+        ("in/s", 0.0254),
+        ("in/min", 0.0254 / 60),
     ],
 )
 def test_a_unit_is_worth_so_much_in_si(text: str, factor: float) -> None:

@@ -326,3 +326,5 @@ def test_records_with_larger_inputs_that_act_less_may_be_of_a_characteristic_tha
     assert cause.code == odd.code == "records-disagree"
     assert "the characteristic may bend" in cause.sentence
     assert "may bend" not in odd.sentence
+    [turned] = explain([bent[0], replace(told(large, -1.1 * large), name="large")])
+    assert "may bend" not in turned.sentence

@@ -128,3 +128,13 @@ def test_a_speed_that_creeps_on_after_its_step_is_no_position() -> None:
     record = replace(_of_speed(np.full(100, 60.0), speed), input_before=0.0, starts_at_rest=True)
 
     assert not told(identify(record))
+
+
+def test_a_position_that_turns_when_its_record_begins_may_slow_down() -> None:
+    """2 V and then 3 V of a motor that has 60 rad/s at first, far more than either makes of it."""
+    t = 0.01 * np.arange(300)
+    u = np.where(t < 1.5, 2.0, 3.0)
+    speed = np.where(t < 1.5, 6.0 + 54.0 * np.exp(-t / 0.3), 9.0 - 3.0 * np.exp(-(t - 1.5) / 0.3))
+    record = as_speed(dataset(seed=1, sample_time=0.01, samples=300, u=u))
+
+    assert told(identify(replace(record, y=np.cumsum(speed) * 0.01)))

@@ -265,3 +265,29 @@ def test_the_speed_either_way_is_known_where_friction_is_not(other: float) -> No
         found.covariance[names.index("coulomb_voltage"), names.index("coulomb_voltage")] > (0.05 * lost) ** 2
     )
     assert sd < 0.03 * speed
+
+
+@pytest.mark.parametrize("levels", [(3.0, -0.6, -3.0), (1.2, -3.0)])
+def test_a_few_levels_to_and_fro_hide_what_differs_by_direction(levels: tuple[float, ...]) -> None:
+    """A gain 7 % smaller backward, and friction of 3.5 % of the input: the mean gain is in the interval, whatever the levels."""
+    plain = Truth()
+    truth = Truth(coulomb_torque=0.105 * plain.motor_constant / plain.resistance)
+    records = []
+    for n, level in enumerate(levels):
+        u = np.where(np.arange(700) < 10, 0.0, level)
+        angle = march(truth, u * (1.0 + 0.035 * np.sign(level)), 0.002)[:, 2]
+        angle += 0.03 * np.sin(
+            0.5 * angle
+        )  # an eccentric disk behind a gear, so that the residual shows an error
+        y = (np.floor(angle / QUANTUM) + 0.5) * QUANTUM
+        records.append(
+            replace(dataset(seed=1, samples=len(u), u=u, y=y), name=f"run {n}", starts_at_rest=True)
+        )
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], records)
+    found = model_error(fit)
+
+    assert found is not None
+    assert found.shares["gain"] == 1.0
+    at = fit.model.names.index("gain")
+    # K of the reference motor is 23.7 rad/(s·V), the mean of both directions.
+    assert abs(fit.model["gain"] - 23.7) < 2.0 * np.sqrt(found.covariance[at, at])

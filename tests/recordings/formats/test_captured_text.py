@@ -62,6 +62,9 @@ FRAMED = {
     "ends of lines": "t,u,y\n" + "".join(f"{row};\n" for row in ROWS),
     "ends of a matrix's rows": "t u y\n" + "".join(f"{row.replace(',', ' ')};\n" for row in ROWS),
     "commas behind blanks": "t u y\n" + "".join(f"{row.replace(',', ' ')},\n" for row in ROWS),
+    "a matrix with semicolons": "t u y\ndata = ["
+    + ";\n".join(row.replace(",", " ") for row in ROWS)
+    + "];\n",
     "a matrix of a script": "t u y\ndata = [" + ",\n".join(row.replace(",", " ") for row in ROWS) + "];\n",
     "a matrix below its name": "t u y\ndata = [\n"
     + ",\n".join(row.replace(",", " ") for row in ROWS)

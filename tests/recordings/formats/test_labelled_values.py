@@ -20,17 +20,27 @@ NOTATIONS = {
     "dictionaries": "{'target': 5, 'speed': 0.0}\n{'target': 5, 'speed': -2.25}\n{'target': 7.5, 'speed': 3.5}\n",
     "names and values in turn": "target,5,speed,0.00\ntarget,5,speed,-2.25\ntarget,7.5,speed,3.5\n",
     "a log of PuTTY": "=~=~= PuTTY log 2026.11.29 =~=~=\ntarget,5,speed,0\ntarget,5,speed,-2.25\ntarget,7.5,speed,3.5\n",
+    "prose above names in turn": "start of run\ntarget,5,speed,0\ntarget,5,speed,-2.25\ntarget,7.5,speed,3.5\n",
     "text above": "ready, 3 loops\n\ntarget:5,speed:0\ntarget:5,speed:-2.25\ntarget:7.5,speed:3.5\n",
 }
 
 
-def test_words_below_names_are_columns_of_words(tmp_path: Path) -> None:
-    text = "way,speed,side,angle\n" + "".join(f"fwd,{n}.5,left,{2 * n}\n" for n in range(5))
+@pytest.mark.parametrize(
+    "head", ["way,speed,side,angle", '"way","speed","side","angle"', "1st way,speed,2nd side,angle"]
+)
+def test_words_below_names_are_columns_of_words(head: str, tmp_path: Path) -> None:
+    text = head + "\n" + "".join(f"fwd,{n}.5,left,{2 * n}\n" for n in range(5))
 
     recording = loaded(tmp_path, text, "log.csv")
 
     assert columns(recording)["speed"] == [0.5, 1.5, 2.5, 3.5, 4.5]
     assert columns(recording)["angle"] == [0.0, 2.0, 4.0, 6.0, 8.0]
+
+
+def test_words_that_change_are_no_names(tmp_path: Path) -> None:
+    text = "".join(f"{'run' if n % 3 else 'stop'},{n}.5,auto,{2 * n}\n" for n in range(12))
+
+    assert "run" not in columns(loaded(tmp_path, text, "log.csv"))
 
 
 @pytest.mark.parametrize("notation", NOTATIONS)

@@ -304,7 +304,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     as_good = with_rest.residual_sd <= _AS_GOOD * one_way.residual_sd or is_rounding(with_rest)
     drifts = not (is_usual(with_rest) and as_good)
     # Nor does a shaft that came to rest say that nothing holds it: a constant that were no friction would go on acting.
-    rested = begins or _stands(data)
+    rested = begins or (_stands(data) and not turns_both_ways(data))
     worth = not (clearly_better(one_way, with_rest) and drifts) if rested else better(with_rest, one_way)
     driven = any(record.starts_at_rest for record in data) and _drives(one_way)
     # Speeds under several levels may show that a constant does drive it, whatever that is: `speed-levels-off` says so then.

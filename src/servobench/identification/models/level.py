@@ -103,7 +103,7 @@ def _level_of(records: Sequence[Dataset]) -> float | None:
 
 def _but_for_a_few(levels: Array) -> tuple[float, float]:
     """The lowest and the highest of the levels (N,) but for a percent, or for samples too few to show how a motor brakes."""
-    few = min(max(len(levels) // 100, _BRIEF), (len(levels) - 1) // 2)
+    few = max(len(levels) // 100, min(_BRIEF, len(levels) // 7))
     ascending = np.sort(levels)
     return float(ascending[few]), float(ascending[-1 - few])
 
