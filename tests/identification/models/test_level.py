@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from servobench.identification.identify import identify
-from servobench.identification.models.level import single_level
+from servobench.identification.models.level import few_levels, single_level
 from servobench.identification.uncertainty.identifiability import State
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
@@ -77,3 +78,23 @@ def test_a_row_that_has_the_input_of_the_sample_before_is_no_motion_under_a_seco
     assert result.answers["gain"].state is State.COMBINATION
     (at_level,) = (each for each in result.combinations if each.name == "speed_at_level")
     assert at_level.estimate.interval[0] < 30.5 < at_level.estimate.interval[1]
+
+
+@pytest.mark.parametrize(
+    ("u", "levels"),
+    [
+        (np.repeat([3.0, 1.2, -3.0], 50), [-3.0, 1.2, 3.0]),
+        (np.repeat([0.0, 3.0, -0.6], 50), [-0.6, 3.0]),
+        (np.repeat([3.0, -3.0], 50), None),  # one magnitude
+        (np.repeat([3.0, -2.9], 50), None),  # as good as one
+        (np.repeat([3.0, 1.2], 50), None),  # one way
+        (np.repeat([3.0, 2.0, -1.0, -3.0], 50), None),  # more
+        (0.5 + 2.0 * np.sin(0.1 * np.arange(200)), None),  # none
+    ],
+)
+def test_few_levels_are_those_that_drive_to_and_fro(
+    u: NDArray[np.float64], levels: list[float] | None
+) -> None:
+    found = few_levels([dataset(seed=1, samples=len(u), u=u)])
+
+    assert found is None if levels is None else found is not None and found.tolist() == levels

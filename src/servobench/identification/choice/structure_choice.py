@@ -375,9 +375,7 @@ def _climb(
             for term in _candidate_terms(here.shown, here.fit)
             if term not in refused
             and with_added_term(here.fit.structure, term)
-            and not (
-                term == "asymmetric" and few_levels(data) is not None
-            )  # one level a direction can't tell
+            and not (term == "asymmetric" and few_levels(data) is not None)  # they can't tell
         ]
         significant = _significant_terms(here.shown)
         rungs = (

@@ -72,11 +72,10 @@ def few_levels(records: Sequence[Dataset]) -> Array | None:
     values = np.unique(u[np.abs(u) > least])
     if not values.min(initial=0.0) < 0.0 < values.max(initial=0.0):
         return None
-    levels = np.array(
-        [group.mean() for group in np.split(values, np.flatnonzero(np.diff(values) > least) + 1)]
-    )
-    if len(levels) > _FEW_LEVELS:
-        return None
+    groups = np.split(values, np.flatnonzero(np.diff(values) > least) + 1)
+    if len(groups) > _FEW_LEVELS or any(np.ptp(group) > least for group in groups):
+        return None  # more levels, or none at all
+    levels = np.array([group.mean() for group in groups])
     return levels if np.ptp(np.abs(levels)) > _ALIKE * np.abs(levels).max() else None
 
 

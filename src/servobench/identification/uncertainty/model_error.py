@@ -62,9 +62,7 @@ _BARE = 0.2  # of p/N: what each sample adds to the clock
 _BY_SHAPE = 0.5  # of the friction: the standard deviation of what a reversal's shape tells of it, where the model is wrong
 _CHANGES = 0.2  # of the samples: an input that changes in more of them is held nowhere
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
-_BY_DIRECTION = (
-    0.045  # of the gain: the standard deviation of what it differs by from one direction to the other
-)
+_BY_DIRECTION = 0.045  # of the gain, the standard deviation: what it differs by between the directions
 _USUAL = 0.03  # of the largest input: the standard deviation of a friction that the model lacks
 _NEAR = 0.1  # of the largest input: so near, either way, a level says next to nothing of friction beside the other
 

@@ -22,9 +22,7 @@ _FRAMES = (
 )
 _SHARE = 0.5  # of the rows, more than which have a frame; the names of the columns may stand without
 _RULE = frozenset("-_=|+: \t")
-_TITLE = re.compile(
-    r"\s*+[A-Za-z]\w*+\s*+=\s*+\[?+\s*+"
-)  # above a matrix that MATLAB displays, or a script makes
+_TITLE = re.compile(r"\s*+[A-Za-z]\w*+\s*+=\s*+\[?+\s*+")  # above a matrix of MATLAB's, or of a script
 _ENDS = ("]", "];")  # of such a matrix
 _STROKES = ("---", "___", "===", ":-", "-:")
 _NEAR = 3  # lines, of which the one above a rule may be blank
