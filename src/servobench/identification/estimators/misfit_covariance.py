@@ -22,7 +22,7 @@ from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import SAME, instead_of
 from servobench.identification.estimators.base import Fit, IntervalsOnDemand
 from servobench.identification.estimators.budget import Contribution, beyond
-from servobench.identification.estimators.covariance import sandwich_over
+from servobench.identification.estimators.covariance import conservative, sandwich_over
 from servobench.identification.estimators.delay_prior import prior_of
 from servobench.identification.estimators.disturbance import (
     Disturbance,
@@ -30,6 +30,7 @@ from servobench.identification.estimators.disturbance import (
     blocks_of,
     longest_block,
 )
+from servobench.identification.estimators.friction_across import FRICTION
 from servobench.identification.estimators.least_squares import (
     Layout,
     Minimum,
@@ -60,12 +61,12 @@ def allow_for_misfit(fit: Fit) -> Fit:
     """
     theta, covariance = _second(fit)
     difference = fit.model.theta - theta
+    second = covariance + np.outer(difference, difference)
+    if not {"gain", FRICTION} <= set(fit.model.names):
+        # With deviations scaled one by one, which would tear apart a gain and a friction that are known together.
+        second = conservative(fit.covariance, second)
     reason = "weighted for a random torque, the same data give different values"
-    line = Contribution(
-        source=SOURCE,
-        covariance=beyond(covariance + np.outer(difference, difference), fit.covariance),
-        reason=reason,
-    )
+    line = Contribution(source=SOURCE, covariance=beyond(second, fit.covariance), reason=reason)
     wider = fit.widen(line)
     return replace(
         wider,
