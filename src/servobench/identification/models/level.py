@@ -19,7 +19,8 @@ _BRIEF = 4  # samples of a run-down
 _SHORT = 20  # of these parts of a record is the longest span over which motion has to be seen
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
 _FEW_LEVELS = 3  # as many as there are parameters for them
-_ALIKE = 0.1  # of the largest input: magnitudes that differ by less are as good as one
+ALIKE = 0.1
+"""Of the largest input: levels, or magnitudes to and fro, that differ by less say next to nothing of friction."""
 _NOISY = 0.1  # of the largest input: measured values that lie no further apart may be one level with noise
 _SPANS = 50  # parts of a record, whose means have next to no noise
 
@@ -76,7 +77,7 @@ def few_levels(records: Sequence[Dataset]) -> Array | None:
     if len(groups) > _FEW_LEVELS or any(np.ptp(group) > least for group in groups):
         return None  # more levels, or none at all
     levels = np.array([group.mean() for group in groups])
-    return levels if np.ptp(np.abs(levels)) > _ALIKE * np.abs(levels).max() else None
+    return levels if np.ptp(np.abs(levels)) > ALIKE * np.abs(levels).max() else None
 
 
 @keep_with_data

@@ -26,7 +26,7 @@ from servobench.identification.estimators.covariance import fixed_b, long_run
 from servobench.identification.estimators.prediction_error import rounding_explains
 from servobench.identification.estimators.residual_correlation import TIED, input_correlation
 from servobench.identification.estimators.sizes import sizes
-from servobench.identification.models.level import few_levels
+from servobench.identification.models.level import ALIKE, few_levels
 from servobench.identification.models.steady import stretches_of_input
 from servobench.identification.uncertainty.experience import (
     FEW_EVENTS,
@@ -64,7 +64,6 @@ _CHANGES = 0.2  # of the samples: an input that changes in more of them is held 
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
 _BY_DIRECTION = 0.045  # of the gain, the standard deviation: what it differs by between the directions
 _USUAL = 0.03  # of the largest input: the standard deviation of a friction that the model lacks
-_NEAR = 0.1  # of the largest input: so near, either way, a level says next to nothing of friction beside the other
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -466,7 +465,7 @@ def _only_level(fit: Fit) -> float:
     driving = u[np.abs(u) >= _LEVEL * np.abs(u).max(initial=0.0)]
     if fit.model.structure.friction:
         driving = np.abs(driving)
-    if not len(driving) or np.ptp(driving) > _NEAR * np.abs(driving).max():
+    if not len(driving) or np.ptp(driving) > ALIKE * np.abs(driving).max():
         return 0.0
     return float(driving.mean())
 

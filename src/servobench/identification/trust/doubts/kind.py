@@ -27,6 +27,7 @@ _LONG = 20  # samples under one input
 _HARDLY = 0.1  # of the way in a stretch: a position would go a quarter of it at a steady speed
 _SLOWER = 0.5  # of what it went in an earlier quarter: a load takes less of a position's speed
 _FALL = 0.5  # of the largest input so far: a speed shows it
+_STOOD = 3  # samples that show a rest
 _FEW_LOW = 3  # samples of such an input
 _CLEAR = 3.0  # times the noise, by which a position goes on meanwhile
 _ENOUGH = 5000  # samples to tell the two kinds apart
@@ -104,7 +105,7 @@ def _slows_down(data: Dataset) -> bool:
 def _rests_before(data: Dataset, first: int, last: int) -> bool:
     """Whether the output stands before the rows `first` to `last`, as long as they last or since the record began."""
     before = data.y[max(2 * first - last, 0) : first]
-    return data.starts_at_rest if len(before) < _FEW_LOW else float(np.ptp(before)) <= data.noise
+    return data.starts_at_rest if len(before) < _STOOD else float(np.ptp(before)) <= data.noise
 
 
 def _goes_on(data: Dataset) -> bool:

@@ -46,8 +46,7 @@ def _one_way(fit: Fit) -> list[Finding]:
             warning("structure-reverses", sentence, parameters=("gain", "time_constant", "coulomb_voltage"))
         ]
     estimate = fit["coulomb_voltage"]
-    unit = estimate.unit
-    name = parameter_in_words("coulomb_voltage", unit)
+    name = parameter_in_words("coulomb_voltage", estimate.unit)
     together = info(
         "friction-and-offset-together",
         f"The motor turned one way only, so Coulomb friction and an offset can't be separated: the {name} is their "
@@ -60,8 +59,12 @@ def _one_way(fit: Fit) -> list[Finding]:
             "bend of the characteristic looks like that. Record steps between several levels, each until the speed settles."
         )
         return [together, warning("input-hardly-matters", sentence, parameters=("gain", "time_constant"))]
-    if abs(estimate.value) <= 3 * estimate.sd:
-        return [together]
+    return [together] if abs(estimate.value) <= 3 * estimate.sd else [together, _of_constant(fit, name)]
+
+
+def _of_constant(fit: Fit, name: str) -> Finding:
+    """The finding on a constant that is known to be one, under its `name` in words: whether it brakes or drives the motor."""
+    estimate, parameters = fit["coulomb_voltage"], ("coulomb_voltage", "gain")
     # The motor's equation has -K u_c, which brakes where it is against ω: K u_c ω > 0.
     turns = float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
     is_flag = fit.records[0].data.input_unit == "1"  # what it switches is unknown
@@ -72,23 +75,19 @@ def _one_way(fit: Fit) -> list[Finding]:
             f"The motor turns as if the input were larger by {-estimate.value * turns:.3g}: zero "
             "input isn't zero volts, and the gain holds for these levels only."
         )
-        return [together, info("offset-found", sentence, parameters=("coulomb_voltage", "gain"))]
+        return info("offset-found", sentence, parameters=parameters)
     if helps:
         sentence = (
-            f"The {name} comes out with the wrong sign, {estimate.value:.3g} {unit}: "
+            f"The {name} comes out with the wrong sign, {estimate.value:.3g} {estimate.unit}: "
             "friction never drives. The motor isn't linear over these levels (it may saturate), "
             "or the input has an offset; the gain holds for these levels only."
         )
-        return [together, warning("offset-negative", sentence, parameters=("coulomb_voltage", "gain"))]
-    return [
-        together,
-        info(
-            "offset-found",
-            f"{with_unit(estimate.value, estimate.unit)} of the input is lost before the motor "
-            "turns; a model without this offset would get the gain wrong.",
-            parameters=("coulomb_voltage", "gain"),
-        ),
-    ]
+        return warning("offset-negative", sentence, parameters=parameters)
+    sentence = (
+        f"{with_unit(estimate.value, estimate.unit)} of the input is lost before the motor "
+        "turns; a model without this offset would get the gain wrong."
+    )
+    return info("offset-found", sentence, parameters=parameters)
 
 
 def _input_hardly_matters(fit: Fit) -> bool:
