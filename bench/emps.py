@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.estimators.output_error import best_minimum, simulate_record
+from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.output_error import simulate_record
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.formats.base import load
@@ -61,7 +62,7 @@ def record(path: Path) -> Dataset:
 def four_parameters(data: Dataset) -> Array:
     """Return gain, time constant, Coulomb voltage, offset and a delay of zero, by output error."""
     starts = [np.where(_is_delay(guess), 0.0, guess) for guess in STRUCTURE.guesses([data])]
-    found = best_minimum(STRUCTURE, [data], starts, ~_is_delay(starts[0]))
+    found = lowest(STRUCTURE, [data], starts, ~_is_delay(starts[0]))
     return found.theta[: len(NAMES)]
 
 

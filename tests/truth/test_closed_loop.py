@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from servobench.core.finding import Verdict
-from servobench.identification.estimators.output_error import best_minimum, uncertainty
+from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.output_error import uncertainty
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.result import Result
@@ -87,7 +88,7 @@ def test_a_delay_at_its_bound_is_not_taken_for_the_delay() -> None:
     starts = structure.guesses(parts)
     for start in starts:
         start[delay] = structure.bounds(parts)[0][delay]
-    minimum = best_minimum(structure, parts, starts, np.arange(len(starts[0])) != delay)
+    minimum = lowest(structure, parts, starts, np.arange(len(starts[0])) != delay)
     _, covariance = uncertainty(structure, parts, minimum)
 
     assert minimum.theta[at] > 1.05 * GAIN

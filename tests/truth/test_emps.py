@@ -13,7 +13,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from servobench.identification.estimators.output_error import best_minimum, simulate_record
+from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.output_error import simulate_record
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.formats.base import load
@@ -40,7 +41,7 @@ def four_parameters(data: Dataset) -> NDArray[np.float64]:
     """Gain, time constant, Coulomb voltage and offset by output error, the delay held at zero."""
     starts = STRUCTURE.guesses([data])
     delay = np.arange(len(starts[0])) == NAMES.index("delay")
-    found = best_minimum(STRUCTURE, [data], [np.where(delay, 0.0, start) for start in starts], ~delay)
+    found = lowest(STRUCTURE, [data], [np.where(delay, 0.0, start) for start in starts], ~delay)
     return found.theta[: len(NAMES)]
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from servobench.core.finding import Finding, info
 from servobench.identification.estimators.base import Fit
-from servobench.identification.estimators.output_error import best_minimum, remarks
+from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.output_error import remarks
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import about_fit
@@ -125,7 +126,7 @@ def _position_loop(unit: str) -> Fit:
 def _from_search(converged: bool) -> list[Finding]:
     """Findings on a search that ended, or that its largest number of steps ended."""
     structure, data = STRUCTURES["first_order_coulomb"], [sound(samples=500)]
-    minimum = best_minimum(structure, data, structure.guesses(data))
+    minimum = lowest(structure, data, structure.guesses(data))
     return remarks(structure, data, replace(minimum, converged=converged))
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from servobench.identification.estimators import output_error
-from servobench.identification.estimators.least_squares import minimise
+from servobench.identification.estimators.least_squares import lowest, minimise
 from servobench.identification.estimators.near_bounds import intervals_near_bounds
-from servobench.identification.estimators.output_error import best_minimum, uncertainty
+from servobench.identification.estimators.output_error import uncertainty
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES, Structure
 from tests.datasets import dataset
@@ -19,7 +19,7 @@ COULOMB = STRUCTURES["first_order_coulomb"]
 
 def _answer(seed: int, coulomb_torque: float):  # type: ignore[no-untyped-def]
     data = [dataset(seed=seed, kind="prbs", samples=1500, truth=Truth(coulomb_torque=coulomb_torque))]
-    minimum = best_minimum(COULOMB, data, COULOMB.guesses(data))
+    minimum = lowest(COULOMB, data, COULOMB.guesses(data))
     return data, minimum, uncertainty(COULOMB, data, minimum)[1]
 
 
@@ -66,7 +66,7 @@ def test_coulomb_voltage_near_zero_is_covered(coulomb_torque: float) -> None:
 def test_a_valley_is_followed_to_its_end() -> None:
     """Turning one way, friction and offset are one: any friction from none to all of the input explains the data as well."""
     data = [dataset(seed=1, kind="square", samples=2000, truth=Truth(coulomb_torque=2e-3))]
-    minimum = best_minimum(COULOMB, data, COULOMB.guesses(data))
+    minimum = lowest(COULOMB, data, COULOMB.guesses(data))
     covariance = uncertainty(COULOMB, data, minimum)[1]
     at = [p.name for p in COULOMB.parameters].index("coulomb_voltage")
     value = minimum.theta[at]

@@ -35,8 +35,8 @@ from servobench.identification.estimators.interval.bins import Bins
 from servobench.identification.estimators.interval.noise import NoiseProfile, profile_noise
 from servobench.identification.estimators.interval.search import Near, Optimum, search_maximum
 from servobench.identification.estimators.interval.wander import wander_ratio
-from servobench.identification.estimators.least_squares import Layout, Minimum
-from servobench.identification.estimators.output_error import best_minimum, remarks, simulations
+from servobench.identification.estimators.least_squares import Layout, Minimum, lowest
+from servobench.identification.estimators.output_error import remarks, simulations
 from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
 from servobench.identification.models.base import STRUCTURES, Model, Structure
 from servobench.recordings.measurement.dataset import Dataset
@@ -89,7 +89,7 @@ class IntervalLikelihood:
         lacking = self.supports(structure, data)
         if lacking is not None:
             raise NotIdentifiable(lacking.sentence.rstrip("."))
-        first = best_minimum(structure, data, starts or structure.guesses(data))
+        first = lowest(structure, data, starts or structure.guesses(data))
         layout = Layout(structure, tuple(data))
         floor = _floor(layout)
         optimum = search_maximum(layout, first.theta, _first_noise(data, first), floor)

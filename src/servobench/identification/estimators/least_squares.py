@@ -213,13 +213,14 @@ def lowest(
     starts: Sequence[Array],
     free: NDArray[np.bool_] | None = None,
     steps: int = _STEPS,
+    worth: float = 0.0,
 ) -> Minimum:
-    """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) and `steps` as in `minimise`."""
+    """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,), `steps` and `worth` as in `descent`."""
     layout = Layout(structure, tuple(data))
     nearer = _far_ones_last(layout, _in_the_valley(layout, starts, free), free)
     ends: list[Descent] = []
     for start in nearer:
-        end = descent(layout, start, free, steps, ends=ends)
+        end = descent(layout, start, free, steps, worth, ends)
         if end not in ends:
             ends.append(end)
     others = [(end.point.theta, end.point.cost) for end in ends]
@@ -232,7 +233,7 @@ def lowest(
             break
         # Along a valley full of kinks steps have become short, and are long again when the search begins anew.
         before = best.point.cost
-        best = descent(layout, best.point.theta, free, steps)
+        best = descent(layout, best.point.theta, free, steps, worth)
         in_vain += best.point.cost > _MUCH_LOWER * before
     theta = best.point.theta + best.change
     predictions, cost = _evaluate(layout, theta)

@@ -93,9 +93,7 @@ class OutputError:
         self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
     ) -> Fit:
         """Return the best fit found from the start vectors, or from the structure's guesses where there are none."""
-        minimum = with_neighbours(
-            structure, data, best_minimum(structure, data, starts or structure.guesses(data))
-        )
+        minimum = with_neighbours(structure, data, lowest(structure, data, starts or structure.guesses(data)))
         minimum = with_friction_across(structure, data, with_delay_across(structure, data, minimum))
         minimum = with_usual_friction(structure, data, with_usual_sign(structure, data, minimum))
         return fit_minimum(structure, data, minimum)
@@ -310,16 +308,6 @@ def _robust(layout: Layout, minimum: Minimum, variance: float, bread: Array) -> 
     return conservative(covariance, sandwich_from_bread(bread, repeated)) if repeated else covariance
 
 
-def best_minimum(
-    structure: Structure,
-    data: Sequence[Dataset],
-    starts: Sequence[Array],
-    free: NDArray[np.bool_] | None = None,
-) -> Minimum:
-    """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) says which entries may move (all)."""
-    return lowest(structure, data, starts, free)
-
-
 def simulate_record(structure: Structure, theta: Array, data: Dataset) -> FittedRecord:
     """Return a record simulated with parameters theta (P,) that are held; only its own start state is fitted."""
     minimum = with_start_fitted(structure, theta, data)
@@ -334,7 +322,7 @@ def with_start_fitted(structure: Structure, theta: Array, data: Dataset) -> Mini
     else:
         starts = tuple(np.concatenate([theta, guess[len(theta) :]]) for guess in structure.guesses([data]))
     free = np.arange(len(starts[0])) >= len(theta)
-    return best_minimum(structure, [data], starts, free)
+    return lowest(structure, [data], starts, free)
 
 
 def _weigh_records(layout: Layout, minimum: Minimum, variance: float) -> list[WeightedRecord]:

@@ -9,7 +9,8 @@ from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, refusal, warning
 from servobench.identification.estimators.base import ESTIMATORS, Abilities, Fit, hindrance
-from servobench.identification.estimators.output_error import best_minimum, fit_minimum
+from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.output_error import fit_minimum
 from servobench.identification.models.base import Structure
 from servobench.identification.models.rational import Rational
 from servobench.recordings.measurement.dataset import Dataset
@@ -56,7 +57,7 @@ class Srivc:
         lacking = self.supports(structure, data)
         if lacking is not None:
             raise NotIdentifiable(lacking.sentence.rstrip("."))
-        fit = fit_minimum(structure, data, best_minimum(structure, data, starts or structure.guesses(data)))
+        fit = fit_minimum(structure, data, lowest(structure, data, starts or structure.guesses(data)))
         return replace(fit, estimator="srivc", findings=(*fit.findings, *_in_a_loop(data)))
 
 

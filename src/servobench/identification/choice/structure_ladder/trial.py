@@ -14,7 +14,9 @@ from servobench.core.rounding import TWO_SIDED, change_text
 from servobench.core.rounding import plain as number
 from servobench.identification.choice.structure_ladder.comparison import deviance, shifts_parameters, worth_it
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
-from servobench.identification.estimators.output_error import best_minimum, fit_minimum_roughly
+from servobench.identification.estimators.covariance import effective_samples
+from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.output_error import fit_minimum_roughly
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.nonlinear.grammar import with_term
@@ -24,6 +26,7 @@ from servobench.identification.uncertainty.score_test import LIMIT
 from servobench.recordings.measurement.dataset import Dataset
 
 _TWO_COMPONENTS = 2.448  # standard deviations: √χ² of two degrees of freedom that chance exceeds in 5 of 100
+_LITTLE = 0.1  # of twice the logarithm of a likelihood, of which a rung needs 15 and more
 _CHANCE = 0.05  # of the runs without a term, in which it seems likely enough to be worth a word
 _WITH_WINDING = {
     "first_order": "second_order",
@@ -90,7 +93,7 @@ def try_rung(
         )
     try:
         starts = (_embed(plain, structure, data), *structure.guesses(data))
-        nearest = best_minimum(structure, data, starts)
+        nearest = lowest(structure, data, starts, worth=_LITTLE * _one_unit(plain))
         if not worth_it(nearest, data, plain, among=len(TERMS)):
             return Rung(term=term, plain=plain, fit=fit, doubt="no better fit")
         if method is ESTIMATORS["output_error"]:
@@ -111,6 +114,12 @@ def try_rung(
     if not doubt:
         doubt, hidden = feedback_refusal(term, allowed, fit)
     return Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
+
+
+def _one_unit(plain: Fit) -> float:
+    """The change of a fit's sum of squares that changes twice the logarithm of its likelihood by 1, its colour allowed for."""
+    residuals = [record.residual[record.valid] for record in plain.records]
+    return sum(float(r @ r) for r in residuals) / sum(map(effective_samples, residuals))
 
 
 def _is_between_rows(data: Sequence[Dataset]) -> bool:

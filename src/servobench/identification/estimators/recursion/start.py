@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.identification.estimators.output_error import best_minimum, simulate_record
+from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.output_error import simulate_record
 from servobench.identification.estimators.recursion.motion import Motion, Samples, possible, unknowns
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.first_order import FirstOrder
@@ -136,7 +137,7 @@ def _by_output_error(setting: Setting, data: Dataset) -> tuple[Array, float]:
         at = names.index("offset_voltage")
         free[at] = False
         guesses = [np.where(np.arange(len(guess)) == at, 0.0, guess) for guess in guesses]
-    theta = best_minimum(structure, [data], guesses, free).theta
+    theta = lowest(structure, [data], guesses, free).theta
     return structure.vector(theta, data), float(structure.friction)
 
 
