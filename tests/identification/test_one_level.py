@@ -92,6 +92,8 @@ def test_a_number_that_is_not_known_is_not_printed() -> None:
     assert f"{result.fit['gain'].value:.3g}"[:3] not in result.equation
     assert "<mi>K</mi>" in transfer_function_math(result)
     assert f"{result.fit['gain'].value:.4g}" not in transfer_function_math(result)
+    assert result.to_dict(derived=False)["transfer_function"]["unknown"] == ["K", "d"]
+    assert identify(dataset(seed=1)).to_dict(derived=False)["transfer_function"]["unknown"] == []
 
 
 def test_a_time_constant_that_is_not_known_is_a_letter_in_the_equation() -> None:

@@ -460,6 +460,7 @@ class Result:
                 "output": system.output,
                 "delay": system.delay,
                 "unit": system.unit,
+                "unknown": [each for each in ("K", "τ", "d") if each in self.unknown_symbols],
             },
             "derived": {
                 name: {"value": d.value, "interval": list(d.interval), "level": d.level, "unit": d.unit, "method": d.method}

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servobench.core.channels import Channel
-from servobench.core.errors import FormatError, UsageError
+from servobench.core.errors import FormatError, UnknownName, UsageError
 from servobench.core.finding import Severity, info
 from servobench.recordings.formats import text_table
 from servobench.recordings.formats.base import load, save
@@ -152,6 +152,13 @@ def test_a_header_that_does_not_fit_is_not_used_and_a_warning_says_so(tmp_path: 
     assert list(columns(recording)) == ["column_1", "column_2", "column_3", "column_4"]
     assert finding(recording.findings, "header-mismatch").severity is Severity.WARNING
     assert finding(recording.findings, "header-mismatch").rows == (1, 1)
+
+
+def test_whoever_asks_for_a_name_of_such_a_header_hears_why_there_is_none(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "t u y\n1 0.0 1 2\n2 0.1 1 3\n")
+
+    with pytest.raises(UnknownName, match=r"column_4\. Row 1 .* has 3 cells and the rows of numbers 4"):
+        assign(recording, input="u:V", output="y:rad/s")
 
 
 def test_columns_that_are_said_by_number_need_no_names(tmp_path: Path) -> None:

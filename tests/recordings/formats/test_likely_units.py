@@ -150,7 +150,21 @@ def test_counts_that_are_called_a_speed_are_doubted(output: str, is_doubted: boo
     assert ("unit-contradicted" in codes(evidence.recording.findings)) is is_doubted
     if is_doubted:
         doubt = finding(evidence.recording.findings, "unit-contradicted")
-        assert doubt.sentence.endswith(f"`output={output}:counts` and `chain=accumulate`.")
+        assert f"`output={output}:counts` and `chain=accumulate`, or `chain=scale 1`" in doubt.sentence
+
+
+@pytest.mark.parametrize(
+    ("largest", "chain", "is_doubted"),
+    [(60.0, "", True), (60.0, "scale 1", False), (600.0, "", False), (60.5, "", False)],
+)
+def test_whole_counts_a_second_that_are_less_than_a_count_in_each_row_are_doubted(
+    largest: float, chain: str, is_doubted: bool
+) -> None:
+    mapping = Mapping(input="u:V", output="speed:counts/s", chain=chain)
+
+    evidence = evidence_of(table("u", y=largest * SHAPE), mapping)  # 60 counts/s are 0.6 in 0.01 s
+
+    assert ("unit-contradicted" in codes(evidence.recording.findings)) is is_doubted
 
 
 @pytest.mark.parametrize(

@@ -261,6 +261,20 @@ def test_another_column_is_not_asked_about_as_a_reference(name: str) -> None:
     assert "reference-possible" not in codes(assign(recording).findings)
 
 
+@pytest.mark.parametrize(
+    ("name", "is_asked"), [("setpoint", True), ("ref_1", True), ("u", False), ("target_pwm", False)]
+)
+def test_an_input_that_is_called_like_a_reference_is_asked_about(name: str, is_asked: bool) -> None:
+    recording = made(name, "y", y="rad/s")
+
+    findings = assign(recording, input=f"{name}:V").findings
+
+    asked = [each.sentence for each in findings if each.code == "reference-possible"]
+    assert [f"The input `{name}` is, by its name, what a loop follows" in each for each in asked] == [
+        True
+    ] * is_asked
+
+
 def test_a_column_that_may_be_the_supply_of_a_duty_is_asked_about() -> None:
     recording = made("duty", "speed", "battery_V", duty="%", speed="rad/s", battery_V="V")
 

@@ -154,17 +154,17 @@ def drawn_motor(seed: int) -> dict[str, float]:
     }
 
 
-def check_20(found: list[tuple[str, dict[str, tuple[float, float]]]]) -> None:
-    """Hold verdicts and intervals of 20 motors, drawn from the seeds 0 to 19, against their truth."""
-    assert [verdict for verdict, _ in found] == ["trusted"] * 20
-    truths = [motor(**drawn_motor(seed)).truth for seed in range(20)]
+def check_trusted(found: list[tuple[str, dict[str, tuple[float, float]]]]) -> None:
+    """Hold verdicts and intervals of motors, drawn from the seeds 0, 1, ..., against their truth, in nine cases of ten."""
+    assert [verdict for verdict, _ in found] == ["trusted"] * len(found)
+    truths = [motor(**drawn_motor(seed)).truth for seed in range(len(found))]
     for name in NAMES:
         held = [
             low <= truth[name] <= high
             for (_, intervals), truth in zip(found, truths, strict=True)
             for low, high in [intervals[name]]
         ]
-        assert sum(held) >= 18, (name, held)
+        assert sum(held) >= 0.9 * len(held), (name, held)
 
 
 def run_command(folder: Path, seed: int) -> tuple[str, dict[str, tuple[float, float]]] | None:
@@ -184,15 +184,17 @@ def run_command(folder: Path, seed: int) -> tuple[str, dict[str, tuple[float, fl
 
 
 @pytest.mark.long
-def test_the_command_trusts_20_of_20_motors_and_its_intervals_hold_their_truth(tmp_path: Path) -> None:
+def test_the_command_trusts_10_of_10_motors_and_its_intervals_hold_their_truth(tmp_path: Path) -> None:
+    """In real time, at a terminal; what another ten motors would show, lock step shows below without waiting for seconds."""
+
     def first(seed: int) -> tuple[str, dict[str, tuple[float, float]]]:
         # A computer with other things to do can't simulate a chip in real time: such a run, which names it, is done again.
         return next(filter(None, (run_command(tmp_path, seed) for _ in range(5))))
 
     with ThreadPoolExecutor(3) as several:
-        found = list(several.map(first, range(20)))
+        found = list(several.map(first, range(10)))
 
-    check_20(found)
+    check_trusted(found)
 
 
 @pytest.mark.long
@@ -204,7 +206,7 @@ def test_20_of_20_motors_are_trusted_in_lock_step_and_their_intervals_hold_their
             result = identify(measure(bench.run(Experiment(), rig)))
         found.append((result.verdict.value, {name: result[name].interval for name in NAMES}))
 
-    check_20(found)
+    check_trusted(found)
 
 
 def commissioned(folder: Path) -> dict[str, str] | None:

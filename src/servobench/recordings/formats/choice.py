@@ -285,13 +285,19 @@ def _varies(values: Array) -> bool:
 def about_other_roles(
     recording: Recording, driven: Series, used: Sequence[str], known: Sequence[Role]
 ) -> list[Finding]:
-    """Return the questions whether columns are a loop's reference or a duty's supply, as their names say.
+    """Return the questions whether columns, the input included, are a loop's reference or a duty's supply, as their names say.
 
     `driven` is the input, `used` are the columns that have a role, `known` the roles that need no question.
     """
     unused = [each.channel.name for each in recording.series if has_numbers(each)]
     unused = [name for name in unused if name not in used]
     findings = []
+    if _is_reference(driven.channel.name) and quantity_of(driven.channel.unit) not in {"position", "speed"}:
+        sentence = (
+            f"The input `{driven.channel.name}` is, by its name, what a loop follows. If it is, the model describes the whole "
+            "loop, controller included, not the motor: name the column of the voltage or the duty as the input."
+        )
+        findings.append(info("reference-possible", sentence, parameters=("gain", "time_constant")))
     followed = next(filter(_is_reference, unused), None)
     if followed is not None and "reference" not in known:
         sentence = (

@@ -154,14 +154,28 @@ def about_output_unit(series: Series) -> list[Finding]:
             "by that number. Say `chain=scale N` with N pole pairs, or `chain=scale 1` if it is the shaft's speed."
         )
         return [warning("unit-contradicted", sentence, parameters=("gain",))]
+    if series.channel.unit != "counts/s":
+        return []
     words = _words(name)
-    if series.channel.unit == "counts/s" and words & _COUNT_WORDS and not words & _RATE_WORDS:
-        sentence = (
-            f"`{name}` is named like a count but read in counts/s, so the gain may be off by any factor. If each row "
-            f"holds the counts since the row before, say `output={shell_text(f'{name}:counts')}` and `chain=accumulate`."
-        )
-        return [warning("unit-contradicted", sentence, parameters=("gain",))]
-    return []
+    if words & _COUNT_WORDS and not words & _RATE_WORDS:
+        what = f"`{name}` is named like a count but read in counts/s"
+    elif _may_be_counts_of_rows(series):
+        what = f"`{name}` holds whole numbers read in counts/s, by which less than a count would pass in each row"
+    else:
+        return []
+    sentence = (
+        f"{what}, so the gain may be off by any factor. If each row holds the counts since the row before, say "
+        f"`output={shell_text(f'{name}:counts')}` and `chain=accumulate`, or `chain=scale 1` if it is counts/s."
+    )
+    return [warning("unit-contradicted", sentence, parameters=("gain",))]
+
+
+def _may_be_counts_of_rows(series: Series) -> bool:
+    """Whether whole numbers of counts/s are as good as none in a row: counting shows no such speed, whole or not."""
+    t, values = series.t, _finite(series.values)
+    if t is None or len(t) < 2 or not _are_whole(values):
+        return False
+    return _largest(values) * float(np.median(np.diff(t))) < 1.0 < _largest(values)
 
 
 def pulse_remedy(series: Series) -> str:

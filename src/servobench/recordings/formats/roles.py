@@ -275,7 +275,9 @@ def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tu
         return _with_sign(recording, size, direction, role)
     _check_is_no_unknown_unit(spec, names)
     what = f"column for the {role}" if role else "column"
-    raise UnknownName(f"{what} of {recording.source.name or recording.name}", spec.column, names)
+    unused = [each.sentence for each in recording.findings if each.code == "header-mismatch"]
+    ending = "".join(f". {sentence.removesuffix('.')}" for sentence in unused)
+    raise UnknownName(f"{what} of {recording.source.name or recording.name}", spec.column, names, ending)
 
 
 def _with_sign(
