@@ -110,6 +110,8 @@ _TABLE = (
     FindingCode("delay-negative", "The output moves before the input: their times differ, or the input changes between its rows.",
         "Check the time stamps of both; record the input as often as it changes.", Role.EXPLANATION),
     FindingCode("delay-not-read", "This method reads no delay and holds it at zero."),
+    FindingCode("delay-rare", "The delay is longer than anything that drives a motor takes, and no start from rest shows it.",
+        "Record a step from rest.", Role.SYMPTOM),
     FindingCode("delay-within-a-call",
         "It isn't known when within a call the device sampled; the delay may be too short by as much.",
         "Let the device keep the time."),

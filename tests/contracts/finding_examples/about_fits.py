@@ -193,8 +193,18 @@ def _on_a_spring(rate: float) -> Fit:
     return fitted(sprung(rate), "first_order")
 
 
+@cache
+def _late(delay: float) -> Fit:
+    """A motor in motion that a tenth of noise hides, and that answers `delay` [s] late."""
+    data = dataset(seed=1, kind="prbs", samples=2000)
+    noise = 0.1 * float(np.std(data.y)) * np.random.default_rng(1).standard_normal(len(data.y))
+    late = replace(data, y=data.y + noise, t_output=data.t_output + delay, quantum=None)
+    return fitted(late.part(0.5, 3.5))
+
+
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
+    _example("delay-rare", lambda: _late(0.1), lambda: _late(0.0)),
     _example("fit-by-chance", _of_another_motor),
     _example("fit-poor", _of_another_motor),
     _example("friction-and-offset-together", lambda: _one_way(0.0)),

@@ -84,3 +84,15 @@ def test_three_records_of_one_steady_speed_each_tell_the_gain() -> None:
     low, high = gain.interval
     assert low < 1 / TRUTH.motor_constant < high
     assert high - low < 0.2 * gain.value
+
+
+def test_a_flywheel_that_speeds_up_all_the_time_has_settled_nowhere() -> None:
+    """Under a supply that rises in stairs, seven of 0.13 s, noise makes some stretches look settled: their speeds were stated."""
+    t = 0.007 * np.arange(133)
+    stairs = np.repeat([7.62, 8.07, 8.46, 8.81, 9.19, 9.66, 9.94], 19)
+    noise = 0.12 * np.random.default_rng(1).standard_normal(len(t))
+    like = dataset(seed=1, samples=len(t), sample_time=0.007, u=stairs, y=13.0 + 7.0 * t + noise)
+    record = replace(like, kind="speed", output_unit="rad/s", quantum=None)
+
+    assert steady_speeds(record)
+    assert speeds_by_level([record]) == {}

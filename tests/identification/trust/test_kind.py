@@ -138,3 +138,20 @@ def test_a_position_that_turns_when_its_record_begins_may_slow_down() -> None:
     record = as_speed(dataset(seed=1, sample_time=0.01, samples=300, u=u))
 
     assert told(identify(replace(record, y=np.cumsum(speed) * 0.01)))
+
+
+def _sagging() -> Dataset:
+    """A speed that grows to its end while the input, which is large all the time, falls by a third."""
+    t = 0.02 * np.arange(150)
+    speed = 300.0 - 100.0 * np.exp(-t / 0.4) + np.random.default_rng(1).standard_normal(len(t))
+    like = dataset(seed=1, samples=len(t), sample_time=0.02, u=196.0 - 24.0 * t, y=speed)
+    return replace(like, kind="speed", output_unit="rad/s", quantum=None)
+
+
+def test_nothing_that_stays_under_a_large_input_or_is_in_rpm_is_called_a_position() -> None:
+    stays = _sagging()
+    position = as_speed(dataset(seed=1, samples=2000))
+
+    assert told(identify(stays)) == []
+    assert told(identify(replace(position, recorded_unit="rpm"))) == []
+    assert told(identify(position))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -43,6 +44,19 @@ def test_a_stop_is_reported_with_the_rows_that_can_be_used() -> None:
 
     assert finding.code == "motion-stopped"
     assert "rows up to 3.99 s" in finding.sentence
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.05])
+def test_so_is_that_of_a_position_whose_sensor_is_coarse_and_flickers(step: float) -> None:
+    """The smoothed speed of steps of 3 degrees, which flicker at rest, comes to rest over a quarter of a second."""
+    t = 0.002 * np.arange(500)
+    angle = np.minimum(6.0 * t, 5.0) + 0.3 * step * np.random.default_rng(1).standard_normal(len(t))
+    like = dataset(seed=1, samples=len(t), u=np.full(len(t), 5.0), y=step * np.rint(angle / step))
+
+    (finding,) = findings(replace(like, quantum=step))
+
+    assert finding.code == "motion-stopped"
+    assert re.search(r"rows up to 0\.8[0-9]* s", finding.sentence)
 
 
 @pytest.mark.parametrize(

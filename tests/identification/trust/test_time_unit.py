@@ -39,3 +39,19 @@ def test_a_time_constant_of_minutes_is_doubted_also_where_the_record_ends_before
     record = replace(base, y=speed, kind="speed", output_unit="rad/s", quantum=None, starts_at_rest=True)
 
     assert any("too long for a servo motor" in sentence for sentence in told(list(identify(record).findings)))
+
+
+def test_seconds_that_are_read_as_milliseconds_make_a_time_constant_that_no_motor_has() -> None:
+    whole = dataset(seed=1, kind="prbs", samples=1000)
+    record = replace(whole, t_input=1e-3 * whole.t_input, t_output=1e-3 * whole.t_output)
+
+    assert any("too short for any motor" in sentence for sentence in told(list(identify(record).findings)))
+    assert not told(list(identify(whole).findings))
+
+
+@pytest.mark.parametrize(("largest", "is_doubted"), [(100.0, True), (1.0, False)])
+def test_a_fraction_of_a_hundred_is_doubted(largest: float, is_doubted: bool) -> None:
+    data = replace(dataset(seed=1, kind="prbs", samples=500), input_unit="1")
+    record = replace(data, u=largest * np.sign(data.u), input_before=0.0)
+
+    assert any("say `input=COL:%`" in sentence for sentence in told(about_data([record]))) is is_doubted

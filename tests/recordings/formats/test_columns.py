@@ -78,6 +78,11 @@ def table(*headers: str, **values: np.ndarray) -> Recording:
         ("velocity_dt_ms", "velocity_dt_ms", "ms"),
         ("speed_timestamp_ms", "speed_timestamp_ms", "ms"),
         ("travel_ms", "travel_ms", "ms"),  # how long a travel took
+        ("Time (Milliseconds)", "Time", "milliseconds"),
+        ("Time (Seconds)", "Time", "seconds"),
+        ("Time [MS]", "Time", "ms"),
+        ("Speed (Rad/s)", "Speed", "rad/s"),
+        ("I (Ma)", "I (Ma)", None),  # an array's name as well as a current's unit
         ("speed [ms]", "speed", "ms"),
         ("min", "min", None),
         ("", "", None),

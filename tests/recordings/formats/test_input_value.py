@@ -12,7 +12,7 @@ from servobench.core.finding import Severity
 from servobench.recordings.formats.base import load
 from servobench.recordings.formats.mapping import Mapping, assign
 from servobench.recordings.recording import Recording, Source
-from tests.recordings.formats.tables import codes, finding
+from tests.recordings.formats.tables import codes, finding, loaded
 
 ROWS = "".join(f"{0.004 * k:.3f}\t{3 * k * k}\n" for k in range(60))
 
@@ -180,6 +180,19 @@ def test_a_sample_time_that_the_files_times_contradict_is_a_warning(
         assert found.severity is Severity.WARNING
         assert "0.004 s apart" in found.sentence
         assert f"is {given:g} s" in found.sentence
+
+
+@pytest.mark.parametrize(("header", "is_contradicted"), [("t", False), ("t [s]", True)])
+def test_numbers_of_rows_contradict_no_sample_time(
+    header: str, is_contradicted: bool, tmp_path: Path
+) -> None:
+    recording = loaded(
+        tmp_path, f"{header},u [V],y [deg]\n" + "".join(f"{k},{k % 7},{k}\n" for k in range(744, 800))
+    )
+
+    assigned = assign(recording, sample_time=0.01)
+
+    assert ("sample-time-contradicts" in codes(assigned.findings)) is is_contradicted
 
 
 def test_arrays_with_times_and_another_sample_time_are_warned_of() -> None:

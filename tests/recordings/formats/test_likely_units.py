@@ -154,6 +154,25 @@ def test_counts_that_are_called_a_speed_are_doubted(output: str, is_doubted: boo
 
 
 @pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ("pwm_percent:V", "such as pwm_percent:%, with"),
+        ("pwm_percent:PWM/255", "by a factor of 2.55. Say `input=pwm_percent:%`"),
+        ("pwm_percent:PWM/100", None),
+        ("pwm_percent:%", None),
+    ],
+)
+def test_a_duty_in_per_cent_by_its_name_is_doubted_as_anything_else(stated: str, says: str | None) -> None:
+    recording = table("pwm_percent", 20.0, unit="%")
+
+    findings = assign(recording, input=stated, output="speed:rad/s").findings
+
+    sentences = [each.sentence for each in findings if each.code == "unit-contradicted"]
+    assert [says in each for each in sentences if says] == [True] * (says is not None)
+    assert bool(sentences) is (says is not None)
+
+
+@pytest.mark.parametrize(
     ("largest", "chain", "is_doubted"),
     [(60.0, "", True), (60.0, "scale 1", False), (600.0, "", False), (60.5, "", False)],
 )

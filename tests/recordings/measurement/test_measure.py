@@ -239,6 +239,19 @@ def test_counts_that_wrap_unasked_are_reported(modulus: float, advice: str) -> N
     assert repaired.findings == ()
 
 
+def test_a_potentiometer_that_begins_anew_before_a_turn_is_over_is_reported() -> None:
+    """The first part of a turn is between the ends of its track: it reads 0 to 340 degrees, whatever a degree is."""
+    turning = 3.0 * np.arange(300.0)
+    shown = (turning + 100.0) % 340.0
+
+    data = measure(recording(shown, "deg", t=0.002 * np.arange(300)))
+
+    assert codes(data) == {"angle-wraps": Severity.REFUSAL}
+    assert "`unwrap 340 deg`" in data.findings[0].sentence
+    repaired = measure(recording(shown, "deg", t=0.002 * np.arange(300)), "unwrap 340 deg")
+    np.testing.assert_allclose(repaired.y - repaired.y[0], np.radians(turning), rtol=0, atol=1e-9)
+
+
 FLICKER = np.resize([0.0, 6.0], 300)  # degrees
 FLIPPED = np.searchsorted([21, 40, 61, 80, 100, 121, 140, 161, 180, 201], np.arange(300), side="right") % 2
 """Whether a servo is 350° further: after four of its ten leaps it goes on as after a wrap, after six of them it doesn't."""

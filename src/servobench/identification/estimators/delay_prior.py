@@ -40,9 +40,11 @@ from servobench.identification.models.first_motion import rests_at_first
 from servobench.recordings.measurement.dataset import Dataset
 
 CODE = "delay-expected"
+RARE = 8.0
+"""So many scales from its middle: nothing that drives a motor is as late."""
+
 TOLD = 0.25  # of the prior's scale: a delay that is known better is the data's own
 _USUAL = 4.0  # scales from its middle: a delay that is further away has to be worth it
-_RARE = 8.0  # scales: nothing that drives a motor is as late
 _USUAL_SURPRISE = 2.0 * float(np.log1p(_USUAL**2))
 _AS_LIKELY = 9.0  # in twice the logarithm of the posterior: places that lie further apart aren't in doubt
 _AS_WELL = 1.1  # times the sum of squares
@@ -103,7 +105,8 @@ def where_expected(
         likeliest = _likeliest(data, (best, *settled), prior, samples)
         if likeliest is not best:
             best, prior = likeliest, replace(prior, along=slope_with_delay(likeliest, minimum, prior))
-    if _likeliest(data, (minimum, best), prior, samples) is best:
+    is_elsewhere = abs(float(best.theta[prior.at]) - delay) > _APART * prior.scale or sd >= TOLD * prior.scale
+    if is_elsewhere and _likeliest(data, (minimum, best), prior, samples) is best:
         return best, prior
     return (minimum, replace(prior, along=None)) if sd >= TOLD * prior.scale else None
 
@@ -218,7 +221,7 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
         if value > 0
         else "which fits best, though no motor moves before its input does: the model lacks something there"
     )
-    rare = abs(value - prior.middle) > _RARE * prior.scale
+    rare = abs(value - prior.middle) > RARE * prior.scale
     late = rare and value > 0
     check = " Check that the input is logged when it acts." if late else ""
     # Too early is no evidence of columns out of step here: what that would take is for `doubts.delay` to say.

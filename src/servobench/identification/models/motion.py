@@ -18,6 +18,7 @@ _ONE = 0.9  # of an input's power in one line of its spectrum: a sine
 _STILL = 1e-3  # of the largest speed: slower than that a motor stands
 _PERIODS = 3  # of a sine in a record: fewer are a step or a ramp
 _BACK = 0.1  # of the way: a position that comes back as far turned round
+_DIP = 0.05  # of the way: what a sensor dips when a driver's current rushes in, under an input that asks for one direction only
 _UNSTEADY = 0.3  # of the speed: what it may vary by
 _FEWEST = 10  # samples that show whether it does
 
@@ -38,13 +39,16 @@ def turns_both_ways(data: Sequence[Dataset]) -> bool:
 
 @keep_with_data
 def _senses(data: Dataset) -> Array:
-    """The directions (M,); all forward where a position comes back by no more than the noise of a shaft at rest does."""
+    """The directions (M,); all forward where a position comes back by no more than noise at rest does, or a sensor's dip."""
     senses = directions(data)
     if data.kind == "speed":
         return senses
     forward = 1.0 if data.y[-1] >= data.y[0] else -1.0
     way = forward * data.y
-    least = min(_RARE * data.noise, _BACK * float(np.ptp(way)))
+    whole = float(np.ptp(way))
+    least = min(_RARE * data.noise, _BACK * whole)
+    if data.u.min() * data.u.max() >= 0.0:
+        least = max(least, _DIP * whole)
     if float(np.max(np.maximum.accumulate(way) - way)) > least:
         return senses
     return np.where(senses * forward > 0.0, senses, 0.0)

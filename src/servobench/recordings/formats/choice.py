@@ -14,6 +14,7 @@ from servobench.core.finding import Finding, info
 from servobench.core.units import unit
 from servobench.recordings.formats.columns import TIME_NAMES, Heading, heading, quote, time_unit
 from servobench.recordings.formats.likely_units import (
+    about_full_scale,
     about_stated_unit,
     is_duty_name,
     pulse_remedy,
@@ -134,7 +135,9 @@ def _duty_of_counts(
     sentence = f"`{name}` is read as a duty in raw counts, with {scale:g} counts for 100 %."
     channel = replace(series.channel, unit="%", minimum=None, maximum=None, resolution=None)
     duty = Series(channel=channel, values=series.values * (100.0 / scale), t=series.t)
-    return Choice(series=duty, findings=(*findings, info("duty-scaled", sentence)))
+    return Choice(
+        series=duty, findings=(*findings, info("duty-scaled", sentence), *about_full_scale(series, scale))
+    )
 
 
 def _of_sensor(recording: Recording, series: Series, scaled: Sensitivity, findings: list[Finding]) -> Choice:

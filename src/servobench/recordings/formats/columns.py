@@ -109,13 +109,25 @@ def heading(text: str) -> Heading:
         name, inside = bracket
         if inside in {"-", "–", "1"}:
             return Heading(name=name, unit="1")
-        if is_unit(inside):
-            return Heading(name=name, unit=inside)
-        return Heading(name=text)
+        symbol = _unit_of(inside)
+        return Heading(name=text) if symbol is None else Heading(name=name, unit=symbol)
     joined = _JOINED.fullmatch(text)
     if joined and is_unit(joined["unit"]) and not is_unit(text):
         return Heading(name=joined["name"], unit=joined["unit"])
     return Heading(name=text, unit=(symbol := _unit_in_name(text)), from_name=symbol is not None)
+
+
+def _unit_of(text: str) -> str | None:
+    """The unit that a text is, also one that begins with a capital letter (`Milliseconds`); None where it is none.
+
+    Nobody measures in megaseconds: `Ms` and `MS` are milliseconds.
+    """
+    if text in {"Ms", "MS"}:
+        return "ms"
+    if is_unit(text):
+        return text
+    small = text.lower()
+    return small if len(text) > 2 and text[1:] == small[1:] and is_unit(small) else None
 
 
 def with_unit(name: Heading, text: str) -> tuple[Heading, tuple[Finding, ...]]:

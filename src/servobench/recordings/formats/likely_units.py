@@ -71,6 +71,8 @@ def _duty_examples(name: str, values: Array) -> str:
     """The units of a duty that fit its values."""
     largest = _largest(values)
     percent = shell_text(f"{name}:%")
+    if heading(name).unit == "%":
+        return percent
     if largest <= 1.0:
         return f"{shell_text(f'{name}:1')} (a fraction) or {percent}"
     if not _are_whole(values):
@@ -108,6 +110,20 @@ def about_input_unit(series: Series, from_file: bool) -> list[Finding]:
         )
         return [warning("unit-contradicted", sentence, parameters=("gain", "coulomb_voltage"))]
     return []
+
+
+def about_full_scale(series: Series, scale: float) -> list[Finding]:
+    """Return a doubt of a duty whose name ends in per cent, where it was said to be raw counts with `scale` counts for 100 %."""
+    name = series.channel.name
+    named = heading(name)
+    if not named.from_name or named.unit != "%" or scale == 100.0:
+        return []
+    sentence = (
+        f"`{name}` is read in counts of which {plain(scale)} are 100 %, as requested, but its name says %: one of the two is "
+        f"wrong, by a factor of {plain(max(scale / 100.0, 100.0 / scale))}. Say `input={shell_text(f'{name}:%')}`, or rename the "
+        "column if that is wrong."
+    )
+    return [warning("unit-contradicted", sentence, parameters=_FIGURES["input"])]
 
 
 def about_stated_unit(series: Series, symbol: str, role: str) -> list[Finding]:

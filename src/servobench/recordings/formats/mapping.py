@@ -20,7 +20,7 @@ from servobench.recordings.formats.choice import Choice, about_other_roles, choo
 from servobench.recordings.formats.direction import missing_sign
 from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
 from servobench.recordings.formats.likely_units import about_input_unit
-from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role, shell_text
+from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role, quantity_of, shell_text
 from servobench.recordings.formats.supply import constant, motor_voltage
 from servobench.recordings.formats.timing import assign_times, seconds
 from servobench.recordings.formats.unreadable import demote_unused
@@ -107,7 +107,7 @@ def _with_unit_doubt(result: Recording, recording: Recording) -> Recording:
     """The result with a doubt of the input's unit, where its name or its values contradict it; `recording` is as it was read."""
     driven = result[str(result.input)]
     name = driven.channel.name
-    from_file = name in recording and recording[name].channel.unit is not None
+    from_file = name in recording and quantity_of(recording[name].channel.unit) == "voltage"
     return replace(result, findings=(*result.findings, *about_input_unit(driven, from_file)))
 
 

@@ -69,6 +69,8 @@ class Dataset:
     chain_known: bool = False
     starts_at_rest: bool = False
     user_unit: tuple[str, float] | None = None
+    recorded_unit: str = ""
+    """The unit in which the output was recorded, such as rpm; empty where nobody knows."""
     findings: tuple[Finding, ...] = ()
     """Remarks on the data."""
 

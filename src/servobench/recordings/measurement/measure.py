@@ -94,6 +94,7 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
         input_before=0.0 if starts_at_rest else _input_before(recording, driven),
         starts_at_rest=starts_at_rest,
         user_unit=_user_unit(output_series.channel, finished.unit),
+        recorded_unit=in_symbols(read.unit),
         t_output=finished.t,
         y=finished.x,
         output_unit=finished.unit,

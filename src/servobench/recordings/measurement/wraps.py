@@ -16,6 +16,8 @@ from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrap
 
 # Widths at which absolute encoders (10, 12, 14) and counters wrap.
 _USUAL_BITS = (8, 10, 12, 14, 16, 24, 32)
+_ALL = 0.9  # of the range: a jump back to where the sensor begins
+_SIDES = 2  # steps on either side of a jump that go the other way
 
 
 def without_wraps(column: Column, stage: Unwrap) -> tuple[Column, list[Finding]]:
@@ -72,8 +74,30 @@ def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]
         if span <= modulus * (1.0 + 1e-6) and largest > 0.5 * modulus:
             unwrapping = unwrap(column.x, modulus)
             jumps = np.flatnonzero(unwrapping.wrap)
-            return [_wraps(column, stage, column.rows[jumps])] if _goes_on(unwrapping.delta, jumps) else []
-    return []
+            if _goes_on(unwrapping.delta, jumps):
+                return [_wraps(column, stage, column.rows[jumps])]
+            break
+    return _begins_anew(column, span)
+
+
+def _begins_anew(column: Column, span: float) -> list[Finding]:
+    """A refusal of a position that jumps back by all of its range as it moves the other way, as a turning potentiometer does."""
+    steps = np.diff(column.x)
+    jumps = np.flatnonzero(np.abs(steps) > _ALL * span)
+    beside = jumps[:, None] + np.array([*range(-_SIDES, 0), *range(1, _SIDES + 1)])
+    if not len(jumps) or beside.min() < 0 or beside.max() >= len(steps):
+        return []
+    if not (steps[beside] * np.sign(steps[jumps])[:, None] < 0.0).all():
+        return []
+    jump = float(np.median(np.abs(steps[jumps])) + np.median(np.abs(steps[beside])))
+    whole = f"{np.degrees(jump):.4g} deg" if column.unit == "rad" else f"{jump:.4g} {column.unit}"
+    row = column.rows[jumps[0] + 1]
+    sentence = (
+        f"The position {column.name!r} jumps back by all of its range, the first time in row {row}, and moves on as before: its "
+        f"sensor begins anew, as a turning potentiometer does, and a motor model can't fit that. Put `unwrap {whole}` at the "
+        f"front of the chain (`chain='unwrap {whole}'`), and check that this is a turn of the shaft in the unit that was given."
+    )
+    return [refusal("angle-wraps", sentence, rows=(int(row), int(column.rows[jumps[-1] + 1])))]
 
 
 def _usual_moduli(unit: str, counts_per_rev: float | None) -> list[Unwrap]:

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from servobench.core.finding import Finding, warning
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.steady import steady_speeds
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.resting_value import is_duty
 from servobench.recordings.measurement.dataset import Dataset
 
 _FIRST = 8  # rows, in which a change shows nothing
+_STARTS = 0.5  # of the speed: what is slower in the first rows sets off there
 _STEADY = 0.1  # of the speed: what one may change by before the duty ends
 
 
@@ -34,7 +36,11 @@ def _only_coasts(record: Dataset) -> bool:
     if len(later) != 1 or record.u[-1] != 0.0:
         return False
     before = [each for each in steady_speeds(record) if each.level != 0.0]
-    return len(before) == 1 and abs(before[0].change) <= _STEADY * abs(before[0].speed)
+    if len(before) != 1 or record.starts_at_rest:
+        return False
+    speed = abs(before[0].speed)
+    slowest = float(np.abs(smooth_speed(record)[:_FIRST]).min())  # a start under power is another event
+    return abs(before[0].change) <= _STEADY * speed and slowest >= _STARTS * speed
 
 
 DOUBTS.member("coast_only")(Doubt(codes=("coast-only",), about_data=_about))

@@ -25,6 +25,7 @@ _LEFT = 0.5  # of the misfit may be left of an output taken as what it is
 _NEAR = 4.0  # times the misfit that is wanted: a guess that leaves more isn't refined
 _LONG = 20  # samples under one input
 _HARDLY = 0.1  # of the way in a stretch: a position would go a quarter of it at a steady speed
+_STAYS = 0.05  # of the farthest way in such a time
 _SLOWER = 0.5  # of what it went in an earlier quarter: a load takes less of a position's speed
 _FALL = 0.5  # of the largest input so far: a speed shows it
 _STOOD = 3  # samples that show a rest
@@ -44,6 +45,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     if fit.fit_percent >= _NEARLY_ALL and fit.sd("gain") < abs(fit.model["gain"]):
         return []
+    if data.recorded_unit == "rpm" or (data.kind == "speed" and _stays_while_driven(data)):
+        return []  # nobody writes down a position in rpm, and none stays where it is under a large input
     if isnt_at_rest(data):
         return []  # held to a start that it doesn't have, no kind explains it
     if goal_finding(data) is not None:
@@ -79,6 +82,19 @@ def _comes_to_rest(data: Dataset) -> bool:
         if end - first >= _LONG and data.input_at_output[first] != 0
     ]
     return bool(stretches) and all(np.ptp(y[-len(y) // 4 :]) < _HARDLY * np.ptp(y) for y in stretches)
+
+
+def _stays_while_driven(data: Dataset) -> bool:
+    """Whether the output, far from zero, stays for a fifth of the record in which the input is half of its largest at least."""
+    u, count = data.input_at_output, max(_LONG, len(data.y) // 5)
+    if len(data.y) <= count:
+        return False
+    windows = np.lib.stride_tricks.sliding_window_view(data.y, count)
+    went, where = np.ptp(windows, axis=1), np.abs(windows.mean(axis=1))
+    stays = (went < _STAYS * went.max()) & (where > _FALL * np.ptp(data.y))
+    driven = np.lib.stride_tricks.sliding_window_view(u, count)
+    strong = _FALL * np.abs(u).max(initial=0.0)
+    return bool(np.any(stays & ((driven.min(axis=1) >= strong) | (driven.max(axis=1) <= -strong))))
 
 
 def _slows_down(data: Dataset) -> bool:

@@ -11,7 +11,7 @@ from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
 from servobench.core.runs import runs
-from servobench.identification.models.motion import directions, smooth_speed
+from servobench.identification.models.motion import directions, smooth_speed, smoothing_span
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -19,6 +19,7 @@ _FEW, _PART = 8, 0.1  # samples, and of the record: the shortest stretch of stea
 _STEADY = 0.3  # of its median: the middle half of the speeds of a steady motion; half a sine's is 0.76
 _STANDS, _STILL_FAST = 0.1, 0.5  # of the steady speed: a shaft that stands, and one that turns
 _ABRUPT, _FEWEST_AT_REST = 3, 5  # samples: from one to the other at most, and at rest afterwards
+_CLEAR = 4.0  # times the noise: a way that is seen
 _AS_FAST = 0.3  # of the faster motion: a slower one may be a spring or a weight that gives way
 
 
@@ -59,13 +60,10 @@ def _reversal(
 def _end_stop(data: Dataset, speed: Array, way: NDArray[np.int64]) -> list[Finding]:
     """Whether the shaft stands at the end, and came to rest within a few samples: it has no reason to under the same input."""
     before = float(np.median(speed[way]))
-    moves = np.flatnonzero(np.abs(speed) > _STANDS * abs(before))
-    at = int(moves[-1]) + 1
-    if len(speed) - at < _FEWEST_AT_REST or at - int(way[-1]) > _FEW:
+    at = _rest_of_position(data, before) if data.kind == "position" else _rest_of_speed(speed, before)
+    if at is None or len(speed) - at < _FEWEST_AT_REST or at - int(way[-1]) > max(_FEW, smoothing_span(data)):
         return []
-    fast = np.flatnonzero(np.abs(speed) > _STILL_FAST * abs(before))
-    if at - int(fast[-1]) > _ABRUPT:
-        return []
+    way = way[way < at]
     stopped, last = (data.in_seconds(data.t_output[k]) for k in (at, way[-1]))
     sentence = (
         f"{data.name}: from {stopped} on the shaft stands, after {_speed_text(data, before)}, although the input stays at "
@@ -74,6 +72,28 @@ def _end_stop(data: Dataset, speed: Array, way: NDArray[np.int64]) -> list[Findi
     )
     rows = data.row_span(at, len(speed) - 1)
     return [warning("motion-stopped", sentence, parameters=("gain", "time_constant"), rows=rows)]
+
+
+def _rest_of_speed(speed: Array, before: float) -> int | None:
+    """The sample from which on a speed (M,) stands that was `before` a few samples earlier; None where it is none."""
+    moves = np.flatnonzero(np.abs(speed) > _STANDS * abs(before))
+    fast = np.flatnonzero(np.abs(speed) > _STILL_FAST * abs(before))
+    at = int(moves[-1]) + 1
+    return at if at - int(fast[-1]) <= _ABRUPT else None
+
+
+def _rest_of_position(data: Dataset, before: float) -> int | None:
+    """The same of a position, whose smoothed speed takes long to show it: noise hides only the last bit of the way."""
+    end = float(np.median(data.y[-_FEWEST_AT_REST:]))
+    off = np.abs(data.y - end)
+    away = np.flatnonzero(off > data.noise)
+    at = int(away[-1]) + 1 if len(away) else 0
+    if at == 0 or at == len(off):
+        return None
+    t, hidden = data.t_output, _CLEAR * data.noise
+    began = int(np.searchsorted(t, t[at] - _ABRUPT * data.sample_time - hidden / abs(before)))
+    is_abrupt = off[began] >= _STILL_FAST * abs(before) * (t[at] - t[began])
+    return at if is_abrupt and abs(before) * (t[-1] - t[at]) >= hidden else None
 
 
 def _speed_text(data: Dataset, speed: float) -> str:

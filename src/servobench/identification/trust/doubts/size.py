@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.finding import Finding, warning
-from servobench.core.rounding import plain
+from servobench.core.rounding import plain, with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
@@ -21,6 +21,7 @@ _FASTEST = 3500.0  # rad/s, 33,000 rpm: small motors with an encoder reach it; a
 _VOLTAGES = (0.05, 1000.0)  # V: less moves no motor, more is for locomotives
 _SLOWEST = 30.0  # s: a time constant of half a minute is a flywheel's
 _RARELY = 0.5  # s between samples
+_QUICKEST = 5e-4  # s: the smallest motors without iron take a millisecond to get up to speed
 
 
 def _about_data(records: Sequence[Dataset]) -> list[Finding]:
@@ -38,6 +39,12 @@ def _input_size(data: Dataset) -> list[Finding]:
         sentence = (
             f"{data.name}: the duty reaches {plain(largest, 4)} %, more than the whole: these may be steps of a timer. "
             "Give the count that is 100 %, as in `input=COL:PWM/255` or `input=COL:PWM/1023`, or the unit: `input=COL:UNIT`."
+        )
+        return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
+    if data.input_unit == "1" and largest > WHOLE:
+        sentence = (
+            f"{data.name}: as a fraction, with 1 for all of the voltage, the input reaches {plain(largest, 4)}. If it is in per "
+            "cent, say `input=COL:%`; if these are steps of a timer, give the count that is 100 %, as in `input=COL:PWM/255`."
         )
         return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
     if data.input_unit != "V" or largest == 0:
@@ -94,6 +101,12 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if "time_constant" not in fit.model.names:
         return []
     tau = fit["time_constant"]
+    if tau.interval[1] < _QUICKEST:
+        sentence = (
+            f"The time constant comes out below {with_unit(tau.interval[1], 's', 2)}, too short for any motor: seconds may have "
+            "been read as milliseconds. Check the unit of the times: `time=COL:s` for a column, or seconds for arrays."
+        )
+        return [warning("size-absurd", sentence, parameters=("time_constant", "gain"))]
     longest = max(record.data.duration for record in fit.records)
     # A record in which a motor hardly gets anywhere says little of a long time constant, unless its samples are far apart, too.
     slowly = min(record.data.sample_time for record in fit.records) >= _RARELY

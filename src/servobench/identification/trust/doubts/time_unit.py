@@ -10,6 +10,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
 _SLOW = 0.5  # s between samples: no motor is recorded so slowly on purpose
+_OR_ROWS = ", and if it numbers the rows, `sample_time=S` with the time from one to the next"
 _SLOWEST = 2.5  # s: nor on purpose by anybody who gives the unit
 
 
@@ -42,7 +43,7 @@ def _time_unit(data: Dataset) -> list[Finding]:
     sentence = (
         f"{data.name}: read in seconds{' by convention' if by_convention else ''}, the time column puts the samples "
         f"{plain(data.sample_time, 3)} s apart, which is slow for a motor; if it is in {name}, say "
-        f"`time=COL:{symbol}`."
+        f"`time=COL:{symbol}`{_OR_ROWS if by_convention and data.sample_time == 1.0 else ''}."
     )
     return [warning("time-unit-doubtful", sentence, parameters=("gain", "time_constant", "delay"))]
 
