@@ -13,6 +13,7 @@ from servobench.core.finding import Severity
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case, Causes, explain
 from servobench.identification.trust.explanations.equation import motion
 from servobench.identification.trust.explanations.hysteresis import play
+from servobench.identification.trust.explanations.resonance import _comes_round
 from servobench.recordings.measurement.dataset import Dataset
 from tests.contracts.finding_examples.base import sound, staircase, told
 from tests.datasets import QUANTUM, dataset
@@ -155,6 +156,23 @@ def test_a_swing_as_fast_as_the_shaft_turns_may_come_round_with_it() -> None:
     assert found.code == other.code == "response-oscillates"
     assert "makes 4.9 turns a second" in found.sentence
     assert "oscillates at about" in other.sentence
+
+
+def test_what_swings_exactly_once_a_turn_at_a_steady_speed_is_ripple() -> None:
+    """Of an eccentric encoder; a shaft whose speed changes all the time swings as often as it turns by chance."""
+    t = 0.01 * np.arange(200)
+    speed = 2 * np.pi * 5.0 * (1 + 0.03 * np.sin(2 * np.pi * 5.0 * t))
+    like = dataset(seed=1, samples=len(t), sample_time=0.01, u=np.full(len(t), 3.0), y=speed)
+    steady = replace(like, kind="speed", output_unit="rad/s", quantum=None)
+
+    comes_round = [
+        _comes_round(found, frequency)
+        for record, frequency in ((steady, 5.0), (steady, 5.6), (replace(steady, output_unit="m/s"), 5.0))
+        if (found := motion(record)) is not None
+    ]
+
+    assert comes_round == [True, False, False]
+    assert [each.code for each in explain([two_masses(5.25, 0)])] == ["response-oscillates"]
 
 
 def _masses(frequency: float) -> np.ndarray:

@@ -47,11 +47,3 @@ def test_seconds_that_are_read_as_milliseconds_make_a_time_constant_that_no_moto
 
     assert any("too short for any motor" in sentence for sentence in told(list(identify(record).findings)))
     assert not told(list(identify(whole).findings))
-
-
-@pytest.mark.parametrize(("largest", "is_doubted"), [(100.0, True), (1.0, False)])
-def test_a_fraction_of_a_hundred_is_doubted(largest: float, is_doubted: bool) -> None:
-    data = replace(dataset(seed=1, kind="prbs", samples=500), input_unit="1")
-    record = replace(data, u=largest * np.sign(data.u), input_before=0.0)
-
-    assert any("say `input=COL:%`" in sentence for sentence in told(about_data([record]))) is is_doubted

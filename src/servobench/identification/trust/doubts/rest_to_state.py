@@ -24,8 +24,8 @@ def _rest_to_state(records: Sequence[Dataset]) -> list[Finding]:
     else:
         return []
     sentence = (
-        f"{when}. If it was at rest before, without an input, say `starts_at_rest=True`: the start then shows delay and time "
-        "constant."
+        f"{when}. If it was at rest before, without an input, say `starts_at_rest=True`: the start then says more of delay and "
+        "time constant."
     )
     return [info("rest-to-state", sentence, parameters=("delay", "time_constant"))]
 

@@ -41,12 +41,6 @@ def _input_size(data: Dataset) -> list[Finding]:
             "Give the count that is 100 %, as in `input=COL:PWM/255` or `input=COL:PWM/1023`, or the unit: `input=COL:UNIT`."
         )
         return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
-    if data.input_unit == "1" and largest > WHOLE:
-        sentence = (
-            f"{data.name}: as a fraction, with 1 for all of the voltage, the input reaches {plain(largest, 4)}. If it is in per "
-            "cent, say `input=COL:%`; if these are steps of a timer, give the count that is 100 %, as in `input=COL:PWM/255`."
-        )
-        return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
     if data.input_unit != "V" or largest == 0:
         return []
     if LARGEST_SUPPLY < largest <= _VOLTAGES[1] and bool((data.u == np.rint(data.u)).all()):

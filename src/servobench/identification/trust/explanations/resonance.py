@@ -23,6 +23,7 @@ _DAMPED = 0.3  # of critical damping: with more it hardly swings
 _NYQUIST = 0.25  # of the sampling frequency: what swings faster can't be seen to swing
 _PERIODS = 5  # in the record: what swings fewer times is anything slow
 _ONE_TURN = 0.25  # of the turns in a second: an oscillation as near to them may come round with the shaft
+_SAME_TURN = 0.05  # of them: no coupling swings so nearly once a turn by chance
 _LAGS = 5  # of the filter, so that the fourth derivative is proper
 
 
@@ -43,6 +44,8 @@ def _resonance(case: Case) -> CauseFit | None:
     slowest = _PERIODS / max(each.t[-1] - each.t[0] for each in case.motions)
     if swinging is None or not slowest < swinging < fastest or without.misfit == 0:
         return None
+    if all(_comes_round(m, swinging) for m in case.motions):
+        return None  # ripple of an encoder or a coupling, whose size the residual shows
     if may_be_any_shape(case.motions, full_regression.misfit / without.misfit):
         return None
     return CauseFit(
@@ -76,6 +79,14 @@ def _turns_per_second(m: Motion) -> float:
     if m.data.position_unit != "rad":
         return 0.0
     return float(np.median(np.abs(smooth_speed(m.data)))) / (2 * np.pi)
+
+
+def _comes_round(m: Motion, frequency: float) -> bool:
+    """Whether the shaft makes as many turns a second as something swings [Hz], for half of the record at least."""
+    turns = np.abs(smooth_speed(m.data)) / (2 * np.pi)
+    return m.data.position_unit == "rad" and bool(
+        np.mean(np.abs(turns - frequency) <= _SAME_TURN * frequency) >= 0.5
+    )
 
 
 def _swing_frequency(poles: NDArray[np.complex128]) -> float | None:
