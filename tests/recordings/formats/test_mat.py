@@ -78,6 +78,16 @@ def test_numbers_of_every_type_keep_their_value(dtype: str, tmp_path: Path) -> N
     assert columns(mat(tmp_path, {"x": values})) == {"x": values.astype(float).tolist()}
 
 
+def test_a_variable_called_none_is_one_like_another(tmp_path: Path) -> None:
+    """SciPy calls an object of MATLAB so."""
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"None": np.array([1.0, 2.0, 3.0])})
+
+    (recording,) = load(path)
+
+    np.testing.assert_array_equal(recording["None"].values, [1.0, 2.0, 3.0])
+
+
 def test_whole_numbers_that_a_float_cannot_hold_are_reported(tmp_path: Path) -> None:
     recording = mat(tmp_path, {"x": np.array([0, 2**60 + 1], dtype=np.int64)})
 

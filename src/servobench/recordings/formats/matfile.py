@@ -92,6 +92,7 @@ def import_mat_io() -> Any:
 
 def _level_4_or_5(path: Path) -> Iterator[Variable]:
     from scipy.io import loadmat
+    from scipy.io.matlab import MatlabOpaque
 
     with warnings.catch_warnings():
         warnings.simplefilter(
@@ -99,7 +100,7 @@ def _level_4_or_5(path: Path) -> Iterator[Variable]:
         )  # on objects of one name, and on variables that can't be read: see `_values`
         content = loadmat(path)
     for name, value in content.items():
-        if name == _NAMELESS:
+        if name == _NAMELESS and isinstance(value, MatlabOpaque):
             for each in _object_names(path, value, set(content)):
                 yield Variable(name=each, value=SkippedVariable(what="an object", is_object=True))
         elif not name.startswith("__"):

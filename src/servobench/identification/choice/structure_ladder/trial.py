@@ -93,7 +93,9 @@ def try_rung(
         )
     try:
         starts = (_embed(plain, structure, data), *structure.guesses(data))
-        nearest = lowest(structure, data, starts, worth=_LITTLE * _one_unit(plain))
+        # The valley of two factors goes on for long, and hardly down.
+        worth = _LITTLE * _one_unit(plain) if term == "stribeck" else 0.0
+        nearest = lowest(structure, data, starts, worth=worth)
         if not worth_it(nearest, data, plain, among=len(TERMS)):
             return Rung(term=term, plain=plain, fit=fit, doubt="no better fit")
         if method is ESTIMATORS["output_error"]:
