@@ -352,3 +352,15 @@ def test_poles_of_what_the_data_leave_open_say_so(servobench: Command, tmp_path:
     assert "Not all of the motor is known" in ended.err
     cautions = json.loads(ended.out)["motor"]["cautions"]
     assert any("The time constant isn't known by itself" in each for each in cautions)
+
+
+@pytest.mark.parametrize(("words", "verdict"), [(("--continuous",), "stable"), ((), "unstable")], ids=str)
+def test_over_the_intervals_of_a_recording_a_loop_is_judged_with_ticks_or_without_as_it_is_itself(
+    servobench: Command, finished_run: Path, words: tuple[str, ...], verdict: str
+) -> None:
+    """45 V/rad is too much every 2 ms (37 V/rad), and not without ticks, which stand for a delay of half of that."""
+    ended = servobench("stability", finished_run / "recording.mcap", "--kp", "45", *words, "--json")
+
+    found = told(ended.out)
+    assert found["loop"]["verdict"] == verdict
+    assert [each["verdict"] for each in found["over_intervals"] if each["of"] == "position_loop"] == [verdict]

@@ -152,3 +152,8 @@ def test_a_file_of_something_else_is_no_tuning(tmp_path: Path) -> None:
 def test_a_name_that_c_hasn_t_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="choose such a name"):
         export_law(tuned(LAWS["pid of position"]), tmp_path / name, Wishes(counts_per_rev=2048))
+
+
+@pytest.mark.parametrize("limit", [0.5, 24.0])
+def test_a_limit_may_be_any_voltage_above_zero(limit: float) -> None:
+    assert law_of_tuning(document(voltage_limit=limit), "tuning.json").voltage_limit == limit

@@ -10,8 +10,11 @@ import pytest
 import servobench as sb
 from servobench.core.channels import Array
 from servobench.core.errors import MissingInformation, UsageError
+from servobench.core.rounding import TWO_SIDED
 from servobench.identification.design.stopping_rule import half
 from servobench.identification.identify import identify_evidence
+from servobench.identification.live import ANOTHER_SPEED, LONGER, _motion_for
+from servobench.identification.models.kernels import COULOMB
 from servobench.identification.watch import Watch, stop_text
 from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.native.reader import read
@@ -442,3 +445,16 @@ def test_all_rows_at_once_and_no_more_tell_what_they_tell_in_turn(tmp_path: Path
     watch.look_again()
 
     assert watch.enough
+
+
+@pytest.mark.parametrize(("times", "motion"), [(1.9, LONGER), (2.1, ANOTHER_SPEED)])
+def test_an_interval_up_to_twice_as_wide_as_wished_needs_more_of_the_same_motion(
+    times: float, motion: str
+) -> None:
+    """The gain would be known if friction were: its own interval is a tenth of what it has together with friction."""
+    reference, covariance = np.full(7, 20.0), np.eye(7)
+    sd = times * 0.05 * 20.0 / TWO_SIDED
+    covariance[0, 0] = sd**2
+    covariance[0, COULOMB] = covariance[COULOMB, 0] = np.sqrt(0.99) * sd
+
+    assert _motion_for("gain", 0.05, reference, covariance) == motion

@@ -11,6 +11,7 @@ import pytest
 
 from servobench.core.channels import Channel
 from servobench.core.errors import StorageError
+from servobench.core.rounding import with_unit
 from servobench.recordings.recording import Recording, Series, Source
 from servobench.report.inspection import InspectionReport
 from tests.report.conftest import HOSTILE
@@ -96,3 +97,15 @@ def test_it_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == report.html()
     with pytest.raises(StorageError, match="there is no folder"):
         report.write(tmp_path / "nowhere" / "page.html")
+
+
+def test_each_time_base_is_named_after_the_channels_that_have_it() -> None:
+    one = recording(u="V", theta="rad")
+    t = one.series[1].t
+    assert t is not None
+    later = replace(one.series[1], t=t + 0.3)
+
+    text = InspectionReport([replace(one, series=(one.series[0], later))]).html()
+
+    starts = dict(re.findall(r'<th scope="row">(u|theta)</th><td class="number">([\d.]+\xa0m?s)</td>', text))
+    assert starts == {"u": with_unit(t[0], "s", 4), "theta": with_unit(t[0] + 0.3, "s", 4)}

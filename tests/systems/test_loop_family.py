@@ -77,14 +77,15 @@ def test_a_system_is_sampled_among_others_as_it_is_alone(name: str) -> None:
         np.testing.assert_allclose(loop.denominator, alone.denominator, rtol=1e-12)
 
 
-def test_the_order_of_the_loops_is_kept_and_a_loop_without_gain_limits_nothing() -> None:
+@pytest.mark.parametrize("count", [1, 8])
+def test_the_order_of_the_loops_is_kept_and_a_loop_without_gain_limits_nothing(count: int) -> None:
     loops = family(CONTROLLERS["PI"], seed=6, count=40)
     still = replace(loops[0], numerator=(0.0, 0.0))
-    result = margins_of_family([still, *loops[::-1], still])
+    result = margins_of_family([*[still] * count, *loops[::-1], still])
 
     assert result[0].gain_margin == result[-1].delay_margin == math.inf
     np.testing.assert_allclose(
-        [astuple(each) for each in result[1:-1]],
+        [astuple(each) for each in result[count:-1]],
         [astuple(each) for each in margins_of_family(loops)[::-1]],
         rtol=1e-12,
     )
@@ -110,3 +111,12 @@ def test_roots_are_those_of_numpy_whatever_coefficients_are_zero() -> None:
         np.testing.assert_allclose(np.sort_complex(own), np.sort_complex(np.roots(polynomial)), atol=1e-12)
     expected = [[1.0, 2.0, 3.0], *[[math.nan] * 3] * 4]
     np.testing.assert_allclose(positive_roots_of_each(polynomials), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("delay", "whole"), [(0.0, 0), (0.5 * H, 1), (2 * H, 2)])
+def test_a_mere_gain_acts_at_ticks_only(delay: float, whole: int) -> None:
+    gain = TransferFunction(numerator=(3.0,), denominator=(1.0,), delay=delay)
+
+    loop = sampled_series(CONTROLLERS["unit feedback"], gain, H)
+
+    assert (loop.numerator, loop.denominator, loop.whole) == ((3.0,), (1.0,), whole)

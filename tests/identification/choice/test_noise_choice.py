@@ -134,3 +134,15 @@ def test_a_faint_colour_that_no_torque_makes_widens_nothing() -> None:
 
 def test_a_plain_colour_is_weighed_twice() -> None:
     assert "weighed-twice" in {each.code for each in allow_for_disturbance(faintly_coloured(-0.7)).findings}
+
+
+def test_in_a_loop_whose_input_never_comes_back_rounding_does_not_repeat() -> None:
+    data = dataset(seed=1, kind="prbs", samples=2500)
+    in_a_loop = replace(data, reference=np.zeros(2500))
+    assert in_a_loop.closed_loop
+
+    fit = allow_for_disturbance(
+        ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [in_a_loop])
+    )
+
+    assert "rounding-repeats" not in {finding.code for finding in fit.findings}

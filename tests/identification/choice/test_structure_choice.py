@@ -15,7 +15,7 @@ from servobench.core.errors import UsageError
 from servobench.core.finding import Verdict
 from servobench.identification import identify as identify_module
 from servobench.identification.choice.noise_choice import allow_for_disturbance
-from servobench.identification.choice.structure_choice import _candidate_terms, choose_structure
+from servobench.identification.choice.structure_choice import _candidate_terms, _drives, choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.prediction_error import PredictionError, disturbance_test
@@ -505,3 +505,16 @@ def test_a_motor_that_ran_and_stopped_does_not_prove_that_nothing_brakes_it(late
         low, high = said["combinations"]["speed_at_level"]["interval"]
         assert low < 2.2 * 5.6 < high
         assert high - low < 0.08 * 2.2 * 5.6
+
+
+@pytest.mark.parametrize(("lost", "drives"), [(0.4, False), (-0.4, True), (3.4, True)])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_constant_that_adds_to_the_input_or_exceeds_it_drives_a_motor(
+    lost: float, drives: bool, sense: float
+) -> None:
+    """Levels of 1 and 3 V, or of -1 and -3 V."""
+    plain = dataset(seed=1, samples=500)
+    data = replace(plain, u=sense * plain.u, y=sense * plain.y)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+
+    assert _drives(with_values(fit, coulomb_voltage=sense * lost)) == drives

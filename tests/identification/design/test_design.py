@@ -21,7 +21,7 @@ from servobench.identification.design.assumed_motor import (
     from_result_file,
 )
 from servobench.identification.design.foresight import foresee
-from servobench.identification.design.limits import DesignLimits
+from servobench.identification.design.limits import DesignLimits, limit_use
 from servobench.identification.design.search import Design, best_design
 from servobench.identification.identify import identify
 from servobench.rig.experiment import PAPER, read_experiment
@@ -191,3 +191,13 @@ def test_a_refused_recording_is_no_motor_to_design_for() -> None:
         from_result(result, "a.csv")
     with pytest.raises(NotIdentifiable, match=r"a.json is refused, so there is no motor to design for"):
         from_result_file(result.to_dict(), "a.json", 2048.0)
+
+
+@pytest.mark.parametrize("volts", [2.0, -2.0])
+def test_travel_is_counted_from_where_the_shaft_starts(volts: float) -> None:
+    """A constant voltage turns a first-order motor by K u (t - τ (1 - e^(-t/τ)))."""
+    since = T[-1] - PLAIN.time_constant * (1 - np.exp(-T[-1] / PLAIN.time_constant))
+
+    use = limit_use(PLAIN, DesignLimits(voltage=10.0, travel=1000.0), T, np.full(len(T), volts))
+
+    assert use["travel"] == pytest.approx(PLAIN.gain * 2.0 * since / 1000.0, rel=1e-9)

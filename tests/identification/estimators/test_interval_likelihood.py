@@ -13,6 +13,8 @@ from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Severity
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.interval.bins import bins, expected_information
+from servobench.identification.estimators.interval_likelihood import _floor
+from servobench.identification.estimators.least_squares import Layout
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
@@ -212,3 +214,11 @@ def _noise(fit: Fit) -> tuple[float, float, float]:
     words = told.replace("(", "").replace(")", "").replace(".\n", "").split()
     numbers = [float(word.rstrip(".:")) for word in words if word[0].isdigit()]
     return numbers[0], numbers[1], numbers[2]
+
+
+def test_the_least_noise_that_is_tried_leaves_eight_samples_near_an_edge_for_each_unknown() -> None:
+    """Unknown are the parameters and the start's place and speed; within s of an edge are 2 s/Q of 500 samples."""
+    structure, data = STRUCTURES["first_order_coulomb"], dataset(seed=1, samples=500)
+    unknowns = len(structure.parameters) + 2
+
+    assert _floor(Layout(structure, (data,))) == pytest.approx(8 * unknowns / (2 * 500) * QUANTUM)

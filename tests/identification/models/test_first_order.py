@@ -264,3 +264,15 @@ def test_a_start_state_alone_is_found_as_well_as_from_all_guesses(
 
     # Each search ends within a thousandth of a standard deviation of a minimum: 1e-6 of a residual's variance, cost/M.
     assert found.cost <= lowest(structure, [part], guessed, free).cost * (1 + 2e-6 / len(part.y))
+
+
+@pytest.mark.parametrize(
+    ("t", "first"), [(0.0, (0, 9.0)), (0.02, (0, 9.0)), (0.025, (1, 1.0)), (0.035, (2, 2.0)), (0.1, (3, 3.0))]
+)
+def test_before_the_first_sample_all_inputs_have_acted_that_came_a_delay_earlier(
+    t: float, first: tuple[int, float]
+) -> None:
+    """Inputs at 0, 10 and 20 ms with a delay of 20 ms."""
+    inputs = 0.01 * np.arange(3), np.array([1.0, 2.0, 3.0])
+
+    assert kernels.first_input(*inputs, 9.0, 0.02, t) == first

@@ -14,6 +14,7 @@ from servobench.identification.estimators.output_error import OutputError
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.second_order import kernels
+from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
 from tests.rig.motor.reference import Truth, march
@@ -157,3 +158,18 @@ def test_poles_that_would_be_complex_are_no_prediction() -> None:
 
     assert np.isnan(structure.predict(np.array([20.0, 0.1, 0.06, 0.0, 0.0, 0.0, 0.0]), data).y).all()
     assert np.isfinite(structure.predict(np.array([20.0, 0.1, 0.04, 0.0, 0.0, 0.0, 0.0]), data).y).all()
+
+
+@pytest.mark.parametrize("text", ["tachometer 10 ms", "lowpass 60 rad/s"])
+def test_behind_a_chain_the_prediction_is_what_the_chain_makes_of_the_position(text: str) -> None:
+    """The motor starts at rest with the chain; a filter whose state at the start is unknown is at that of no motion."""
+    structure, theta = STRUCTURES["second_order"], np.array([23.7, 0.0979, 1.38e-3, 0.0, 1e-4])
+    plain = dataset(seed=1, kind="prbs", samples=400)
+    chain = Chain.parse(text)
+    data = replace(plain, kind=chain.yields("position"), applied=chain, quantum=None)
+    start = np.zeros(len(structure.nuisance(data)))
+
+    found = structure.predict(np.append(theta, start), data).y
+
+    shaft = structure.predict(np.append(theta, np.zeros(2)), plain).y
+    np.testing.assert_allclose(found, chain(shaft, plain.t_output), rtol=1e-9, atol=1e-12)

@@ -4,8 +4,12 @@ import math
 
 import pytest
 
-from servobench.identification.reconciliation.judgement import Share, Size
-from servobench.identification.reconciliation.sentences import share_text, size_range_text
+from servobench.identification.reconciliation.base import Decision, share_of
+from servobench.identification.reconciliation.judgement import JudgedCause, Share, Size
+from servobench.identification.reconciliation.probabilities import SOMETHING_ELSE, Hypothesis
+from servobench.identification.reconciliation.questions import about_sheet
+from servobench.identification.reconciliation.sentences import sentences, share_text, size_range_text
+from tests.identification.reconciliation.motors import SHEET, identified
 
 
 def test_an_interval_whose_ends_are_alike_is_not_written_out() -> None:
@@ -37,3 +41,28 @@ def test_a_part_of_a_difference_is_as_much_as_is_known_of_it(
     value: float, low: float, high: float, text: str
 ) -> None:
     assert share_text(Share(name="gain", value=value, interval=(low, high))) == text
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [(0.938, "6.2 % less"), (1.31, "31 % more"), (2.4, "140 % more"), (2.5, "2.5 times"), (4.0, "4 times")],
+)
+def test_a_factor_is_a_percentage_until_it_is_several_times(factor: float, text: str) -> None:
+    assert share_of(factor) == text
+
+
+@pytest.mark.parametrize(("probability", "said"), [(0.48, False), (0.52, True)])
+def test_something_else_is_likely_where_it_is_likelier_than_all_that_is_considered(
+    probability: float, said: bool
+) -> None:
+    fit = identified().fit
+    assert fit is not None
+    friction = JudgedCause(
+        name="viscous_friction", label="friction", law="", probability=0.0, possible=False, against="none",
+        needed=None, likely=None, explains=(), decision=Decision(sentence=""),
+    )  # fmt: skip
+    hypotheses = [Hypothesis(causes=(SOMETHING_ELSE,), probability=probability)]
+
+    lines = sentences(about_sheet(fit, SHEET), [friction], hypotheses, [])
+
+    assert any("something else is likely" in line for line in lines) == said

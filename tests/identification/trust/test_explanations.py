@@ -72,8 +72,14 @@ def test_a_limit_near_the_largest_input_is_held_against_the_gain_below_it(
 
 @pytest.mark.parametrize(
     ("label", "really", "advice"),
-    [(3.0, 2.2, "or leave it out."), (4.0, 3.0, "characteristic bends there"), (3.0, -1.0, "")],
-    ids=["in the middle", "the largest", "the other way"],
+    [
+        (3.0, 2.2, "or leave it out."),
+        (4.0, 3.0, "characteristic bends there"),
+        (3.0, -1.0, ""),
+        (3.0, -3.5, "or leave it out."),
+        (3.0, -3.7, ""),
+    ],
+    ids=["in the middle", "the largest", "the other way", "a wrong sign", "a wrong sign and another size"],
 )
 def test_a_level_that_acts_like_another_one_may_have_a_wrong_label(
     label: float, really: float, advice: str

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.trust.doubts.output_limited import DOUBTS
+from servobench.identification.trust.doubts.output_limited import DOUBTS, _limit
 from tests.contracts.finding_examples.base import sound_fit
 
 N = 4000
@@ -71,3 +71,19 @@ def test_a_shaft_that_stands_where_the_model_turns_is_no_limit() -> None:
     held = np.where(simulated() > 0.7 * simulated().max(), 0.0, simulated())
 
     assert codes(held) == []
+
+
+@pytest.mark.parametrize(("errors", "is_limited"), [(1.9, False), (2.1, True)])
+def test_a_flat_end_counts_where_its_slope_is_lower_by_two_standard_errors(
+    errors: float, is_limited: bool
+) -> None:
+    """Slopes of 1 below and 0.2 above, of which 0.4 would do: so many errors of the slope are what is between.
+
+    Each speed is there four times, with +a, -a, -a and +a beside the line: that has no slope, nor are neighbours alike.
+    """
+    below, above = np.linspace(10.0, 60.0, 100), np.repeat(np.linspace(71.0, 100.0, 50), 4)
+    spread = float(np.sum((above - above.mean()) ** 2))
+    size = 0.2 / errors * np.sqrt(spread * (len(above) - 2) / len(above))
+    flat = 50.0 + 0.2 * (above - 71.0) + size * np.tile([1.0, -1.0, -1.0, 1.0], 50)
+
+    assert (_limit(np.concatenate([below, above]), np.concatenate([below, flat])) is not None) == is_limited

@@ -7,6 +7,7 @@ import pytest
 
 from servobench.core.errors import FormatError
 from servobench.core.finding import Severity
+from servobench.recordings.formats.framed_rows import without_frames
 from tests.recordings.formats.tables import codes, columns, finding, loaded, units
 
 NUMBERS = {"t": [0.0, 0.1, 0.2], "u": [1.0, 2.5, 2.5], "y": [0.0, 3.0, 7.0]}
@@ -200,3 +201,11 @@ def test_an_oscilloscopes_start_and_increment_are_told_by_their_rows(tmp_path: P
 )
 def test_other_lines_above_a_table_are_no_times(text: str, tmp_path: Path) -> None:
     assert "start-and-increment" not in codes(loaded(tmp_path, text).findings)
+
+
+def test_frames_are_taken_off_where_more_than_half_of_the_rows_have_them() -> None:
+    half = ["(0.0, 1)", "(0.1, 2)", "0.2, 3", "0.3, 4"]
+    more = [*half, "(0.4, 5)"]
+
+    assert without_frames(half, half) == half
+    assert without_frames(more, more) == ["0.0, 1", "0.1, 2", "0.2, 3", "0.3, 4", "0.4, 5"]

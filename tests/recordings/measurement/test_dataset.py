@@ -8,6 +8,7 @@ import pytest
 from servobench.core.errors import UsageError
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.shared_samples import share_samples
 from servobench.recordings.recording import Source
 
 T = 0.002 * np.arange(1000)
@@ -127,3 +128,11 @@ def test_a_prediction_from_the_true_position_misses_the_data_by_its_start_states
     # Speeds of random steps are some 1000; sums of a few decays, conditioned by some hundred.
     np.testing.assert_allclose(missed, explained, rtol=0, atol=1e-11 * np.abs(y).max() + 1e-11)
     assert data.valid.mean() > 0.9
+
+
+@pytest.mark.parametrize(("y", "same"), [(X, True), (np.zeros(1000), False), (np.full(1000, 5.0), False)])
+def test_a_shaft_that_stood_says_nothing_of_whether_two_records_are_the_same(y: Any, same: bool) -> None:
+    whole = dataset(y=y)
+    cut = dataset(t_input=T[:900], u=whole.u[:900], t_output=T[:900], y=y[:900])
+
+    assert share_samples(whole, cut) == same

@@ -464,3 +464,13 @@ def test_a_loop_that_less_gain_makes_slower_only_has_no_margin_downwards() -> No
     margins = tuned(damping=0.8, bandwidth=20.0).to_dict()["margins"]
 
     assert margins["gain_margin_downwards"]["value"] is None
+
+
+@pytest.mark.parametrize("controller", ["pid", "state_feedback", "lead"])
+def test_damping_and_bandwidth_are_told_as_wished_and_as_the_loop_has_them(controller: str) -> None:
+    quantities = tuned(controller=controller, damping=0.8, bandwidth=20.0).quantities
+
+    for name, wished in (("damping", 0.8), ("bandwidth", 20.0)):
+        told, obtained, _ = quantities[name]
+        assert told == pytest.approx(wished, rel=1e-12)
+        assert obtained == pytest.approx(wished, rel=5e-3)  # as the poles are in test_placement
