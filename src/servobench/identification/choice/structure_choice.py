@@ -42,7 +42,7 @@ from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
 from servobench.identification.models.level import few_levels, single_level
-from servobench.identification.models.motion import stands, turns_both_ways
+from servobench.identification.models.motion import smooth_speed, stands, turns_both_ways
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from servobench.identification.trust.doubts.spikes import had_spikes
@@ -58,6 +58,8 @@ _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the windin
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
 # Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
+_A_FEW = 0.02  # of the samples
+_HARDLY = 0.2  # of the top speed
 _AS_GOOD = 1.1
 _LARGE = 10_000  # samples, of all records
 _NEARLY_ALL = 90.0  # % of the output
@@ -292,7 +294,8 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
     stands = any(stands_at_first(record) for record in data)
     late = not is_usual(one_way)  # a delay may replace friction that the input has to overcome
-    if not (begins or stands or late or _stands(data) or _would_stop(one_way)):
+    idle = any(map(_idles, data))
+    if not (begins or stands or late or idle or _stands(data) or _would_stop(one_way)):
         return simple
     try:
         with_rest = fit_structure(method, STRUCTURES["first_order_one_way_rest"], data)
@@ -304,7 +307,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     as_good = with_rest.residual_sd <= _AS_GOOD * one_way.residual_sd or is_rounding(with_rest)
     drifts = not (is_usual(with_rest) and as_good)
     # Nor does a shaft that came to rest say that nothing holds it: a constant that were no friction would go on acting.
-    rested = begins or (_stands(data) and not turns_both_ways(data))
+    rested = begins or idle or (_stands(data) and not turns_both_ways(data))
     worth = not (clearly_better(one_way, with_rest) and drifts) if rested else better(with_rest, one_way)
     driven = any(record.starts_at_rest for record in data) and _drives(one_way)
     # Speeds under several levels may show that a constant does drive it, whatever that is: `speed-levels-off` says so then.
@@ -335,6 +338,16 @@ def _drives(one_way: Fit) -> bool:
     return not 0.0 <= lost * np.sign(level) < abs(level)
 
 
+def _idles(record: Dataset) -> bool:
+    """Whether an input is zero for at least one sample in fifty, and the shaft hardly moves then.
+
+    A constant would act there as well, and friction doesn't.
+    """
+    off = record.input_at_output == 0.0
+    speed = np.abs(smooth_speed(record))
+    return bool(np.mean(off) > _A_FEW and np.median(speed[off]) < _HARDLY * np.percentile(speed, 95))
+
+
 def _would_stop(one_way: Fit) -> bool:
     """Whether the input is less than what a motor loses for a while: friction would stop the shaft, the model turns it back."""
     sense, lost = np.sign(drive_level(one_way)), one_way.model["coulomb_voltage"]
@@ -351,7 +364,7 @@ def _turns_back_what_stands(one_way: Fit) -> bool:
 
 def _stands(data: Sequence[Dataset]) -> bool:
     """Whether at least one sample in fifty was taken while the motor stood still."""
-    return bool(np.mean(np.concatenate([stands(record) for record in data])) > 0.02)
+    return bool(np.mean(np.concatenate([stands(record) for record in data])) > _A_FEW)
 
 
 def _climb(
