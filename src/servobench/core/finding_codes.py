@@ -81,6 +81,7 @@ _TABLE = (
     FindingCode("column-signed", "The input's sign is in a column of its own."),
     FindingCode("column-skipped", "Columns that aren't numbers aren't read."),
     FindingCode("columns-not-numbers", "Columns hold no numbers and are left out."),
+    FindingCode("columns-of-two-motors", "By their names input and output are of two motors.", "Name the input of that motor."),
     FindingCode("common-factor", "All numbers were multiplied by a common factor that the file gives."),
     FindingCode("coulomb-torque-with-offset", "After turning one way only, the Coulomb torque includes the offset.",
         "Let the motor turn both ways."),

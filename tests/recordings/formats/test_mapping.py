@@ -275,6 +275,37 @@ def test_an_input_that_is_called_like_a_reference_is_asked_about(name: str, is_a
     ] * is_asked
 
 
+@pytest.mark.parametrize(
+    ("names", "output", "other"),
+    [
+        (("DriveM1", "DriveM2", "RPM_M1", "RPM_M2"), "RPM_M2", "DriveM2"),
+        (("DriveM1", "DriveM2", "RPM_M1", "RPM_M2"), "RPM_M1", None),
+        (("pwm_left", "pwm_right", "speed_right"), "speed_right", "pwm_right"),
+        (("voltL", "voltR", "velR"), "velR", "voltR"),
+        (("pwm_left", "speed_right"), "speed_right", None),
+        (("u", "y", "Y"), "y", None),
+    ],
+)
+def test_the_input_of_another_motor_is_doubted_by_its_name(
+    names: tuple[str, ...], output: str, other: str | None
+) -> None:
+    recording = made(*names)
+
+    findings = assign(recording, input=f"{names[0]}:V", output=f"{output}:rad/s").findings
+
+    doubts = [each.sentence for each in findings if each.code == "columns-of-two-motors"]
+    assert [f"say `input={other}`" in each for each in doubts] == [True] * (other is not None)
+
+
+def test_of_several_references_the_motors_own_is_asked_about() -> None:
+    recording = made("TargetX", "TargetM1", "TargetM2", "DriveM2", "RPM_M2")
+
+    findings = assign(recording, input="DriveM2:V", output="RPM_M2:rad/s").findings
+
+    (question,) = (each.sentence for each in findings if each.code == "reference-possible")
+    assert question.startswith("`TargetM2`")
+
+
 def test_a_column_that_may_be_the_supply_of_a_duty_is_asked_about() -> None:
     recording = made("duty", "speed", "battery_V", duty="%", speed="rad/s", battery_V="V")
 

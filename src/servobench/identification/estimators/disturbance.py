@@ -109,7 +109,7 @@ def blocks_of(data: Dataset, sliding: Sliding, longest: float, rest: float | Non
     t, sliding = data.t_output, _as_recorded(sliding, data)
     left = sliding.left
     rests = _rests(sliding, data) & (rest is not None)
-    size = max(int(longest / data.sample_time), 1)
+    size = max(int(min(longest / data.sample_time, len(t))), 1)
     gaps = (np.diff(t) > 1.5 * data.sample_time) & ~(rests[1:] & rests[:-1])
     breaks = gaps | ((np.diff(left) != 0) & ((left[1:] < 1) | (left[:-1] == 0)))
     run = np.concatenate([[0], np.cumsum(breaks)])

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import UnitError, UsageError
-from servobench.core.finding import Finding, info
+from servobench.core.finding import Finding, info, warning
 from servobench.core.units import unit
 from servobench.recordings.formats.columns import TIME_NAMES, Heading, heading, quote, time_unit
 from servobench.recordings.formats.likely_units import (
@@ -21,6 +22,7 @@ from servobench.recordings.formats.likely_units import (
     unit_examples,
 )
 from servobench.recordings.formats.roles import (
+    CAPITAL,
     REFERENCE_NAMES,
     VOLTS_BY_CONVENTION,
     ColumnSpec,
@@ -274,6 +276,7 @@ def _list_of(names: Sequence[str]) -> str:
     )
 
 
+_SIDES = frozenset({"left", "right", "front", "rear", "back", "fl", "fr", "rl", "rr", "bl", "br"})
 _COMMAND = re.compile(
     r"(?:^|[/_.])(?:cmds?|commands?|voltages?|volts|efforts?|duty|pwm|controls?)(?:[/_.\d]|$)"
 )
@@ -301,7 +304,9 @@ def about_other_roles(
             "loop, controller included, not the motor: name the column of the voltage or the duty as the input."
         )
         findings.append(info("reference-possible", sentence, parameters=("gain", "time_constant")))
-    followed = next(filter(_is_reference, unused), None)
+    followed = _nearest(
+        [name for name in unused if _is_reference(name) and _varies(recording[name].values)], used
+    )
     if followed is not None and "reference" not in known:
         sentence = (
             f"`{followed}` is, by its name, what a loop follows. If a controller drove the motor, say "
@@ -327,6 +332,38 @@ def _is_reference(name: str) -> bool:
         and not _COMMAND.search(plain)
         and "current" not in plain
     )
+
+
+def about_two_motors(recording: Recording, driven: str, output: str) -> list[Finding]:
+    """Return a doubt of an input that is another motor's than the output, by their names: `drive_2` is there for `speed_2`, too.
+
+    What tells the motors apart is a number, a letter or a side, of which each of the two names has another one.
+    """
+    own, others = _parts(driven), _parts(output)
+    for name in (each.channel.name for each in recording.series if each.channel.name not in (driven, output)):
+        here, there = (filter(_tells_apart, each) for each in (own - others, others - own))
+        if len(own) > 1 and any(_parts(name) == own - {one} | {other} for one, other in product(here, there)):
+            sentence = (
+                f"By their names, `{driven}` and `{output}` are of two motors, which may turn alike: `{name}` is there as well. "
+                f"If that drives the motor, say `input={shell_text(name)}`, with its unit."
+            )
+            return [warning("columns-of-two-motors", sentence, parameters=("gain", "time_constant"))]
+    return []
+
+
+def _tells_apart(part: str) -> bool:
+    return part.isdecimal() or len(part) == 1 or part in _SIDES
+
+
+def _nearest(names: Sequence[str], used: Sequence[str]) -> str | None:
+    """The first name that has most words and numbers in common with those in use, as `TargetM2` has with `DriveM2`."""
+    parts = set().union(*map(_parts, used))
+    return max(names, key=lambda name: len(_parts(name) & parts), default=None)
+
+
+def _parts(name: str) -> set[str]:
+    """The words and the numbers of a name, in lower case."""
+    return set(re.findall(r"[^\W\d_]+|\d+", CAPITAL.sub("_", name).lower()))
 
 
 def _with_unit(recording: Recording, name: str) -> str:

@@ -16,7 +16,7 @@ from servobench.core import toml
 from servobench.core.errors import MissingInformation, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
-from servobench.recordings.formats.choice import Choice, about_other_roles, choose, spec_of
+from servobench.recordings.formats.choice import Choice, about_other_roles, about_two_motors, choose, spec_of
 from servobench.recordings.formats.direction import missing_sign
 from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
 from servobench.recordings.formats.likely_units import about_input_unit
@@ -93,6 +93,7 @@ def assign(
             *roles.findings,
             *about_samples,
             *about_other_roles(recording, taken["input"], used, known),
+            *about_two_motors(recording, *(taken[role].channel.name for role in ("input", "output"))),
         ),
     )
     result = _with_unit_doubt(result, recording)

@@ -80,14 +80,20 @@ def _reorder(u: Array, generator: np.random.Generator) -> Array:
 def _misfit(records: list[Dataset], inputs: list[Array], as_speed: bool = False) -> float:
     """The smallest sum of squares that a motor leaves of the records, relative to that of each record's own variation.
 
-    Linear least squares in gain, offset and start for each of several time constants: the same small search for every order.
+    Linear least squares in gain, offset and start for each of several time constants: the same small search for every order, as
+    recorded and a row earlier, as an input is that acts before its row is written.
     A position may be compared `as_speed`, by what it goes from sample to sample.
     """
     shares = []
     for data, u in zip(records, inputs, strict=True):
         y, t = data.y[: len(u)], data.t_output[: len(u)]
         lags = np.geomspace(_SHORTEST * data.sample_time, max(t[-1] - t[0], data.sample_time), _LAGS)
-        shares.append([_misfit_behind_lag(y, u, t, lag, data.kind, as_speed) for lag in lags])
+        shares.append(
+            [
+                [_misfit_behind_lag(y, acting, t, lag, data.kind, as_speed) for lag in lags]
+                for acting in (u, np.append(u[1:], u[-1]))
+            ]
+        )
     return float(np.min(np.sum(shares, axis=0)))
 
 
