@@ -197,6 +197,7 @@ def test_blocks_break_at_gaps_and_stops() -> None:
     record = replace(data, t_output=data.t_output[keep], y=data.y[keep])
     rests = Sliding(left=np.where(keep >= 15, 0.0, 1.0), turns=record.t_output)
     assert blocks_of(record, rests, 0.0081).counts.tolist() == [4, 3, 4, 1, 4, 1]
+    assert blocks_of(record, rests, 1e300).counts.tolist() == blocks_of(record, rests, 1.0).counts.tolist()
     found = blocks_of(record, rests, 0.0081, rest=1.0)
     assert found.counts.tolist() == [4, 3, 4, 1, 5]  # samples 0-3, 4-6; 10-13, 14; 15-19, at rest
     assert found.noise.tolist() == [1 / 4, 1 / 3, 1 / 4, 1, 1]

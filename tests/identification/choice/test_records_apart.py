@@ -53,6 +53,22 @@ def test_two_records_are_held_against_each_other() -> None:
     assert "in run 1" in finding.sentence
 
 
+def test_time_constants_that_differ_by_half_are_a_doubt() -> None:
+    """Of two inertias: the interval holds both, but no motor has both."""
+    records = []
+    for n, times in enumerate((1.0, 2.0)):
+        random = np.random.default_rng(n)
+        u = np.repeat(random.choice([-3.0, -1.0, 1.0, 3.0], 20), 100)
+        angle = march(TRUTH._replace(inertia=times * TRUTH.inertia), u, 0.002)[:, 2]
+        plain = dataset(seed=0, samples=len(u), y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM)
+        records.append(replace(plain, u=u, input_before=0.0, name=f"run {n}"))
+
+    (finding,) = apart(identify(records, "first_order_coulomb"))
+
+    assert "time_constant" in finding.parameters
+    assert finding.severity is Severity.WARNING
+
+
 def test_records_that_differ_show_it_beside_a_random_torque_that_takes_it_up() -> None:
     """A motor that answers small inputs by a fifth more than large ones: innovations are white, and the joint gain is one's."""
     random = np.random.default_rng(3)

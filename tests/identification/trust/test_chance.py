@@ -71,3 +71,15 @@ def test_of_levels_of_one_sign_the_speeds_tell_the_order() -> None:
     result = sb.identify(t=t, u=u, y=np.round(angle, 2), input_unit="V", output_unit="rad", chain="none")
 
     assert "fit-by-chance" not in [finding.code for finding in result.findings]
+
+
+def test_an_input_that_acts_before_its_row_is_written_is_no_chance() -> None:
+    """A controller's log: each row has the speed after the voltage beside it has acted for a sample of two time constants."""
+    u = np.concatenate([[3.0, 3.0, -0.2, 0.2, 2.1, 1.5, 0.4, 1.1, 1.6, 1.0, 0.9, 1.2, 1.3], np.full(24, 1.1)])
+    speed = march(Truth(), np.append(u, 1.1), 0.2)[1:, 1]
+
+    result = sb.identify(
+        t=0.2 * np.arange(len(u)), u=u, y=speed, input_unit="V", output_unit="rad/s", chain="none"
+    )
+
+    assert "fit-by-chance" not in [finding.code for finding in result.findings]

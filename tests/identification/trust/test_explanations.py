@@ -12,6 +12,7 @@ import pytest
 from servobench.core.finding import Severity
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case, Causes, explain
 from servobench.identification.trust.explanations.equation import motion
+from servobench.identification.trust.explanations.gain_falls import _is_faster_beyond
 from servobench.identification.trust.explanations.hysteresis import play
 from servobench.identification.trust.explanations.resonance import _comes_round
 from servobench.recordings.measurement.dataset import Dataset
@@ -352,3 +353,16 @@ def test_records_with_larger_inputs_that_act_less_may_be_of_a_characteristic_tha
     assert "may bend" not in odd.sentence
     [turned] = explain([bent[0], replace(told(large, -1.1 * large), name="large")])
     assert "may bend" not in turned.sentence
+
+
+@pytest.mark.parametrize(("limit", "largest", "is_limited"), [(1.5, 3.0, True), (2.0, 3.0, False)])
+def test_inputs_that_turn_the_shaft_faster_are_beyond_no_limit(
+    limit: float, largest: float, is_limited: bool
+) -> None:
+    """A triangle clipped at 1.5 V: beyond that the speed stays; beyond 1.2 V, say, it doesn't."""
+    u = largest * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * np.arange(5000) / 1000))
+    acting = np.clip(u, -1.5, 1.5) if is_limited else u
+    found = motion(replace(_ideal(acting, 0.002), u=u))
+    assert found is not None
+
+    assert _is_faster_beyond(Case((found,)), limit) is not is_limited

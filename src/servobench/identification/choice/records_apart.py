@@ -30,6 +30,7 @@ _MOST = 8  # fits, spread evenly over the records
 _OF_THE_FILE = "delay"
 # Percent of the output: records of which the model explains so little together, and so much without one, have no common motor.
 _TOGETHER, _APART_ONLY = 80.0, 90.0
+_FAR = 1.5  # times
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,7 +156,17 @@ def _finding(whole: Fit, apart: Sequence[str], selections: Sequence[_Without]) -
         "to cover each choice of records. The motor changed between them, or it doesn't follow this model over all "
         "their levels, speeds and directions. Fit only the records in which the motor moves as it will in use."
     )
-    return info("records-apart", sentence, parameters=tuple(apart))
+    # Of one motor's recordings time constants scatter by a tenth or so; what is as far apart has another cause.
+    severe = any(_ratio(name, selections) > _FAR for name in apart if name in ("gain", "time_constant"))
+    return (warning if severe else info)("records-apart", sentence, parameters=tuple(apart))
+
+
+def _ratio(name: str, selections: Sequence[_Without]) -> float:
+    """How many times a parameter is at least larger in one selection than in another; 1 where its sign isn't known."""
+    low, high = _ends(name, selections)
+    ends = low.fit[name].interval[1], high.fit[name].interval[0]
+    least, most = sorted(map(abs, ends))
+    return most / least if ends[0] * ends[1] > 0.0 else 1.0
 
 
 def _line(name: str, selections: Sequence[_Without]) -> str:

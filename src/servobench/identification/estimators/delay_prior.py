@@ -40,11 +40,9 @@ from servobench.identification.models.first_motion import rests_at_first
 from servobench.recordings.measurement.dataset import Dataset
 
 CODE = "delay-expected"
-RARE = 8.0
-"""So many scales from its middle: nothing that drives a motor is as late."""
-
 TOLD = 0.25  # of the prior's scale: a delay that is known better is the data's own
 _USUAL = 4.0  # scales from its middle: a delay that is further away has to be worth it
+_RARE, _LONG = 8.0, 0.5  # scales, and s
 _USUAL_SURPRISE = 2.0 * float(np.log1p(_USUAL**2))
 _AS_LIKELY = 9.0  # in twice the logarithm of the posterior: places that lie further apart aren't in doubt
 _AS_WELL = 1.1  # times the sum of squares
@@ -65,6 +63,10 @@ class DelayPrior:
     scale: float
     along: Array | None = None
     """The change of the joint vector (P + ΣQ,) with the delay between separate places that explain the data equally well."""
+
+    def is_rare(self, delay: float) -> bool:
+        """Return whether nothing that drives a motor is as late [s]: eight scales from the middle, or half a second and two."""
+        return abs(delay - self.middle) > min(_RARE * self.scale, max(_LONG, 2.0 * self.scale))
 
     def penalty(self, delay: float) -> float:
         """Return twice the negative logarithm of the prior's density at a delay [s], but for a constant."""
@@ -221,7 +223,7 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
         if value > 0
         else "which fits best, though no motor moves before its input does: the model lacks something there"
     )
-    rare = abs(value - prior.middle) > RARE * prior.scale
+    rare = prior.is_rare(value)
     late = rare and value > 0
     check = " Check that the input is logged when it acts." if late else ""
     # Too early is no evidence of columns out of step here: what that would take is for `doubts.delay` to say.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import plain, with_unit
 from servobench.identification.estimators.base import Fit
-from servobench.identification.estimators.delay_prior import RARE, prior_of, prior_of_delay
+from servobench.identification.estimators.delay_prior import prior_of, prior_of_delay
 from servobench.identification.models.first_motion import rests_at_first
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
@@ -22,7 +22,8 @@ def _about(fit: Fit) -> list[Finding]:
     earliest = delay.interval[0]
     if fit.fit_percent > _NEARLY_ALL:
         return []
-    if earliest - prior.middle <= RARE * prior.scale or any(_begins_as_late(each, earliest) for each in data):
+    is_late = earliest > prior.middle and prior.is_rare(earliest)
+    if not is_late or any(_begins_as_late(each, earliest) for each in data):
         return []
     rows = plain(delay.value / prior.middle, 2)
     sentence = (

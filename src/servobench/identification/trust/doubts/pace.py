@@ -21,6 +21,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
     tau = estimate.value + 2 * estimate.sd
     if not np.isfinite(tau):
         return []
+    if any(np.ptp(record.data.u) == 0.0 for record in fit.records):
+        return []  # a step before the first row, whose lag is in the record all the same
     held_back = spread = 0.0
     for record in fit.records:
         data = record.data

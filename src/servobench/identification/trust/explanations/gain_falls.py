@@ -9,6 +9,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import warning
 from servobench.core.rounding import plain
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import Regression
@@ -19,6 +20,11 @@ _LESS = 0.8  # of the misfit is left if inputs beyond the limit act at all
 _NEAR = 1.2  # times a limit: without inputs that are as near, the limit itself wasn't seen
 _LEAST = 0.1  # of the effect below: less is none
 _LATE = 0.8  # of the largest input: a bend beyond that leaves a gain as it is for most inputs
+_AT, _FASTER, _FEW = (
+    0.8,
+    1.1,
+    5,
+)  # of a limit: inputs that come near to it; times as fast as these; samples that show it
 _SEEN = 0.01  # of the samples, at least, have such an input
 
 
@@ -37,6 +43,8 @@ def _gain_falls(case: Case) -> CauseFit | None:
     slope = float(bent.coefficients[-1] / bent.coefficients[1])
     if not (bent.misfit < _LESS * clipped.misfit and _LEAST < slope < 1.0):
         bend, slope = limit, 0.0
+    if slope == 0.0 and _is_faster_beyond(case, bend):
+        return None
     return CauseFit(
         finding=warning("gain-falls", _sentence(case, bend, slope), parameters=("gain",)),
         misfit=clipped.misfit,
@@ -44,6 +52,16 @@ def _gain_falls(case: Case) -> CauseFit | None:
         change=_change(bend / largest, slope),
         remedy=lambda data: replace(data, u=_bent(data.u, bend, slope), reference=None),
     )
+
+
+def _is_faster_beyond(case: Case, limit: float) -> bool:
+    """Whether inputs beyond a limit turn the shaft faster than those that come near to it, which no limit does."""
+    u = np.abs(np.concatenate([each.data.input_at_output for each in case.motions]))
+    speed = np.abs(np.concatenate([smooth_speed(each.data) for each in case.motions]))
+    near, beyond = (u > _AT * limit) & (u <= limit), u > limit
+    if min(near.sum(), beyond.sum()) < _FEW:
+        return False
+    return bool(np.percentile(speed[beyond], 95) > _FASTER * np.percentile(speed[near], 95))
 
 
 def _change(bend: float, slope: float) -> float:
