@@ -30,7 +30,7 @@ _MOST = 8  # fits, spread evenly over the records
 _OF_THE_FILE = "delay"
 # Percent of the output: records of which the model explains so little together, and so much without one, have no common motor.
 _TOGETHER, _APART_ONLY = 80.0, 90.0
-_FAR = 1.5  # times
+_FAR, _TELLS = 1.5, 0.5  # times, and of a value: an interval that is wider doesn't tell it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,9 +162,11 @@ def _finding(whole: Fit, apart: Sequence[str], selections: Sequence[_Without]) -
 
 
 def _ratio(name: str, selections: Sequence[_Without]) -> float:
-    """How many times a parameter is at least larger in one selection than in another; 1 where its sign isn't known."""
-    low, high = _ends(name, selections)
-    ends = low.fit[name].interval[1], high.fit[name].interval[0]
+    """How many times larger a parameter is in one selection than in another, at least; 1 where one doesn't tell it."""
+    two = _ends(name, selections)
+    if any(each.fit[name].half_width > _TELLS * abs(each.fit[name].value) for each in two):
+        return 1.0
+    ends = two[0].fit[name].interval[1], two[1].fit[name].interval[0]
     least, most = sorted(map(abs, ends))
     return most / least if ends[0] * ends[1] > 0.0 else 1.0
 

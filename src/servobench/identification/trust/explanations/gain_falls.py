@@ -20,11 +20,11 @@ _LESS = 0.8  # of the misfit is left if inputs beyond the limit act at all
 _NEAR = 1.2  # times a limit: without inputs that are as near, the limit itself wasn't seen
 _LEAST = 0.1  # of the effect below: less is none
 _LATE = 0.8  # of the largest input: a bend beyond that leaves a gain as it is for most inputs
-_AT, _FASTER, _FEW = (
+_AT, _HALF, _FEW = (
     0.8,
-    1.1,
+    0.5,
     5,
-)  # of a limit: inputs that come near to it; times as fast as these; samples that show it
+)  # of a limit: inputs that come near to it; of their growth; samples that show it
 _SEEN = 0.01  # of the samples, at least, have such an input
 
 
@@ -55,13 +55,14 @@ def _gain_falls(case: Case) -> CauseFit | None:
 
 
 def _is_faster_beyond(case: Case, limit: float) -> bool:
-    """Whether inputs beyond a limit turn the shaft faster than those that come near to it, which no limit does."""
+    """Whether the speed grows beyond a limit by half as much as the input does, and more: no limit lets it."""
     u = np.abs(np.concatenate([each.data.input_at_output for each in case.motions]))
     speed = np.abs(np.concatenate([smooth_speed(each.data) for each in case.motions]))
     near, beyond = (u > _AT * limit) & (u <= limit), u > limit
     if min(near.sum(), beyond.sum()) < _FEW:
         return False
-    return bool(np.percentile(speed[beyond], 95) > _FASTER * np.percentile(speed[near], 95))
+    slow, fast = (float(np.percentile(speed[part], 95)) for part in (near, beyond))
+    return fast > (1.0 + _HALF * (float(np.percentile(u[beyond], 95)) / limit - 1.0)) * slow
 
 
 def _change(bend: float, slope: float) -> float:
