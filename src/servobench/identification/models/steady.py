@@ -23,9 +23,7 @@ SETTLED = 0.05  # of the largest speed: what a settled one may still change by
 _SETTLING = 0.1  # of the way to it: what changes by more goes on
 _NOISE = 0.01  # of the largest speed: a change that may be noise
 _NEARLY_ALL = 0.8  # of the stretches in which the speed plainly changes, and of the samples
-_MOSTLY = (
-    0.39  # of the time under constant inputs: of a flywheel that never settles noise makes a third look so
-)
+_MOSTLY = 0.39  # of the time under constant inputs: noise makes a third of a flywheel's look settled
 _PLAIN = 0.2  # of the largest speed: a change that shows how fast the speed settles
 
 

@@ -39,6 +39,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names or any(len(_switches(u)) < _LEVELS for u in inputs):
         return []
     recorded = _misfit(records, inputs)
+    early = [np.append(u[1:], u[-1]) for u in inputs]  # an input that acts before its row is written
+    if (misfit := _misfit(records, early)) < recorded:
+        recorded, inputs = misfit, early
     if well and recorded < _ALL * _misfit(records, [0.0 * u for u in inputs]):
         return []
     as_good = _as_good_orders(records, inputs, recorded)
@@ -80,20 +83,14 @@ def _reorder(u: Array, generator: np.random.Generator) -> Array:
 def _misfit(records: list[Dataset], inputs: list[Array], as_speed: bool = False) -> float:
     """The smallest sum of squares that a motor leaves of the records, relative to that of each record's own variation.
 
-    Linear least squares in gain, offset and start for each of several time constants: the same small search for every order, as
-    recorded and a row earlier, as an input is that acts before its row is written.
+    Linear least squares in gain, offset and start for each of several time constants: the same small search for every order.
     A position may be compared `as_speed`, by what it goes from sample to sample.
     """
     shares = []
     for data, u in zip(records, inputs, strict=True):
         y, t = data.y[: len(u)], data.t_output[: len(u)]
         lags = np.geomspace(_SHORTEST * data.sample_time, max(t[-1] - t[0], data.sample_time), _LAGS)
-        shares.append(
-            [
-                [_misfit_behind_lag(y, acting, t, lag, data.kind, as_speed) for lag in lags]
-                for acting in (u, np.append(u[1:], u[-1]))
-            ]
-        )
+        shares.append([_misfit_behind_lag(y, u, t, lag, data.kind, as_speed) for lag in lags])
     return float(np.min(np.sum(shares, axis=0)))
 
 

@@ -20,11 +20,9 @@ _LESS = 0.8  # of the misfit is left if inputs beyond the limit act at all
 _NEAR = 1.2  # times a limit: without inputs that are as near, the limit itself wasn't seen
 _LEAST = 0.1  # of the effect below: less is none
 _LATE = 0.8  # of the largest input: a bend beyond that leaves a gain as it is for most inputs
-_AT, _HALF, _FEW = (
-    0.8,
-    0.5,
-    5,
-)  # of a limit: inputs that come near to it; of their growth; samples that show it
+_AT = 0.8  # of a limit: inputs that come near to it
+_HALF = 0.5  # of the growth of inputs beyond a limit, by which no speed grows there
+_FEW = 5  # samples near a limit, or beyond it
 _SEEN = 0.01  # of the samples, at least, have such an input
 
 
