@@ -23,7 +23,8 @@ SETTLED = 0.05  # of the largest speed: what a settled one may still change by
 _SETTLING = 0.1  # of the way to it: what changes by more goes on
 _NOISE = 0.01  # of the largest speed: a change that may be noise
 _NEARLY_ALL = 0.8  # of the stretches in which the speed plainly changes, and of the samples
-_MOSTLY = 0.39  # of the time under constant inputs: noise makes a third of a flywheel's look settled
+_MOSTLY = 0.5  # of the time under constant inputs
+_CALM = 0.25  # of the rate at which speeds change that haven't settled: by chance some of a flywheel's change by half of it
 _PLAIN = 0.2  # of the largest speed: a change that shows how fast the speed settles
 
 
@@ -102,16 +103,16 @@ def speeds_by_level(records: Sequence[Dataset]) -> dict[float, float]:
     """Return the mean of the speeds that several records settled at under each level, the lowest level first; units as there.
 
     Where the input changes before the motor gets to its speed, some stretch looks settled by chance: a level counts where all of
-    its stretches are, or several of them settled at the same speed, and none does where the speed goes on changing nearly all the
-    time.
+    its stretches are, or several of them settled at the same speed. Where most don't settle, one that changes at a rate like
+    theirs hasn't, either.
     """
     every = [_stretches(record) for record in records]
-    levels, speeds, times, settled = (
+    levels, speeds, times, drifts, settled = (
         np.concatenate([getattr(each, name) for each in every])
-        for name in ("levels", "speeds", "times", "settled")
+        for name in ("levels", "speeds", "times", "drifts", "settled")
     )
     if times[settled].sum() < _MOSTLY * times.sum():
-        return {}
+        settled &= np.abs(drifts) < _CALM * np.median(np.abs(drifts[~settled]))
     largest = max(each.largest for each in every)
     means = {}
     for level in np.unique(levels).tolist():

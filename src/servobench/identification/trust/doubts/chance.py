@@ -39,9 +39,6 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names or any(len(_switches(u)) < _LEVELS for u in inputs):
         return []
     recorded = _misfit(records, inputs)
-    early = [np.append(u[1:], u[-1]) for u in inputs]  # an input that acts before its row is written
-    if (misfit := _misfit(records, early)) < recorded:
-        recorded, inputs = misfit, early
     if well and recorded < _ALL * _misfit(records, [0.0 * u for u in inputs]):
         return []
     as_good = _as_good_orders(records, inputs, recorded)
@@ -81,6 +78,12 @@ def _reorder(u: Array, generator: np.random.Generator) -> Array:
 
 
 def _misfit(records: list[Dataset], inputs: list[Array], as_speed: bool = False) -> float:
+    """The smaller sum of squares of an input that acts as recorded, and of one that acts before its row is written."""
+    early = [np.append(u[1:], u[-1]) for u in inputs]
+    return min(_misfit_of_inputs(records, each, as_speed) for each in (inputs, early))
+
+
+def _misfit_of_inputs(records: list[Dataset], inputs: list[Array], as_speed: bool) -> float:
     """The smallest sum of squares that a motor leaves of the records, relative to that of each record's own variation.
 
     Linear least squares in gain, offset and start for each of several time constants: the same small search for every order.
