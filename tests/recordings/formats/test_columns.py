@@ -82,6 +82,7 @@ def table(*headers: str, **values: np.ndarray) -> Recording:
         ("Time (Seconds)", "Time", "seconds"),
         ("Time [MS]", "Time", "ms"),
         ("Speed (Rad/s)", "Speed", "rad/s"),
+        ("Voltage (Min)", "Voltage (Min)", None),
         ("I (Ma)", "I (Ma)", None),  # an array's name as well as a current's unit
         ("speed [ms]", "speed", "ms"),
         ("min", "min", None),

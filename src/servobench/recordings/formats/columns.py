@@ -120,14 +120,15 @@ def heading(text: str) -> Heading:
 def _unit_of(text: str) -> str | None:
     """The unit that a text is, also one that begins with a capital letter (`Milliseconds`); None where it is none.
 
-    Nobody measures in megaseconds: `Ms` and `MS` are milliseconds.
+    Nobody measures in megaseconds: `Ms` and `MS` are milliseconds. `Min` is the least of something.
     """
     if text in {"Ms", "MS"}:
         return "ms"
     if is_unit(text):
         return text
     small = text.lower()
-    return small if len(text) > 2 and text[1:] == small[1:] and is_unit(small) else None
+    is_word = len(text) > 2 and text[1:] == small[1:] and text != "Min"
+    return small if is_word and is_unit(small) else None
 
 
 def with_unit(name: Heading, text: str) -> tuple[Heading, tuple[Finding, ...]]:

@@ -64,6 +64,8 @@ def _end_stop(data: Dataset, speed: Array, way: NDArray[np.int64]) -> list[Findi
     if at is None or len(speed) - at < _FEWEST_AT_REST or at - int(way[-1]) > max(_FEW, smoothing_span(data)):
         return []
     way = way[way < at]
+    if not len(way):
+        return []
     stopped, last = (data.in_seconds(data.t_output[k]) for k in (at, way[-1]))
     sentence = (
         f"{data.name}: from {stopped} on the shaft stands, after {_speed_text(data, before)}, although the input stays at "
