@@ -29,6 +29,7 @@ def test_the_inverse_does_not_depend_on_the_units_of_the_parameters() -> None:
 def test_a_parameter_without_information_is_left_out_and_the_others_keep_theirs() -> None:
     h = np.diag([4.0, 0.0, 2.0])
     np.testing.assert_allclose(inverse(h), np.diag([0.25, 0.0, 0.5]))
+    np.testing.assert_allclose(inverse(np.diag([4.0, 1e-310, 2.0])), np.diag([0.25, 0.0, 0.5]))
 
 
 def test_the_sandwich_covers_where_the_plain_covariance_does_not() -> None:

@@ -8,6 +8,8 @@ import numpy as np
 
 from servobench.core.channels import Array
 
+_NONE = 1e-290  # of information: the variance is beyond all numbers
+
 
 def plain(h: Array, residual_variance: float) -> Array:
     """Return s² H⁻¹ (P, P), right for white residuals of variance s²; H = J'J (P, P) in units of the parameters."""
@@ -85,10 +87,10 @@ def andrews_lag(x: Array) -> int:
 def inverse(h: Array) -> Array:
     """Return H⁻¹ (P, P) of a symmetric non-negative matrix, computed in scaled parameters, so that their units don't matter.
 
-    A parameter without any information (a zero on the diagonal) is left out: its row and column are zero. Other directions that
-    the data say nothing about get a huge variance.
+    A parameter without any information (as good as zero on the diagonal) is left out: its row and column are zero. Other
+    directions that the data say nothing about get a huge variance.
     """
-    informed = np.flatnonzero(h.diagonal() > 0)
+    informed = np.flatnonzero(h.diagonal() > _NONE)
     part = h if len(informed) == len(h) else h[np.ix_(informed, informed)]
     scale = 1.0 / np.sqrt(part.diagonal())
     weights = np.outer(scale, scale)
