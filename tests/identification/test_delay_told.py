@@ -98,3 +98,26 @@ def test_a_delay_that_nothing_shows_is_told_as_it_is_and_doubted_where_nothing_i
 
     assert words in told.sentence.replace("\u00a0", " ")
     assert told.severity == severity
+
+
+@pytest.mark.parametrize(
+    ("step", "delay", "is_rare"),
+    [
+        (0.002, 0.08, False),
+        (0.002, 0.09, True),
+        (0.1, 0.5, False),
+        (0.1, 0.7, True),
+        (0.5, 2.4, False),
+        (0.5, 2.6, True),
+    ],
+)
+def test_a_delay_is_rare_beyond_half_a_second_or_two_scales_and_sooner_where_rows_are_close(
+    step: float, delay: float, is_rare: bool
+) -> None:
+    """The scale is two sample times, 10 ms at least; the middle is one."""
+    data = dataset(seed=1, samples=50, sample_time=step)
+
+    prior = prior_of_delay(STRUCTURES["first_order"], [data])
+
+    assert prior is not None
+    assert prior.is_rare(delay) is is_rare

@@ -31,7 +31,8 @@ from tests.identification.uncertainty.test_systematic_torque import FRICTION, GA
 from tests.identification.uncertainty.test_systematic_torque import turned as finely_stepped
 from tests.recordings.measurement.test_measure import recording
 from tests.rig.motor.odd_motor import OddMotor, odd_record
-from tests.rig.motor.reference import Truth
+from tests.rig.motor.reference import Truth, march
+from tests.truth.test_intervals import answers
 
 RUNGS = {"stribeck-found", "gravity-found", "friction-asymmetric", "load-friction-found"}
 # The reference meets a delay and a stop to within its step of 10 µs, which is a part in 10,000 of τ and of most other parameters.
@@ -518,3 +519,20 @@ def test_a_constant_that_adds_to_the_input_or_exceeds_it_drives_a_motor(
     fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
 
     assert _drives(with_values(fit, coulomb_voltage=sense * lost)) == drives
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_rest_that_noise_hides_does_not_make_friction_zero(seed: int) -> None:
+    """56 counts a turn with noise of 1.35 counts: nine rows without an input held the constant at 0.04 to 0.2 of 0.24 V."""
+    truth, quantum, random = Truth(coulomb_torque=1.2e-3), 2 * np.pi / 56, np.random.default_rng(seed)
+    u = np.concatenate([np.zeros(9), np.resize(np.repeat([1.8, 0.6], 7), 357)])
+    angle = march(truth, u, 0.02, angle=0.3)[:, 2] + 1.35 * quantum * random.standard_normal(366)
+    y = (np.floor(angle / quantum) + 0.5) * quantum
+    like = dataset(seed=1, samples=366, sample_time=0.02, u=u, y=y)
+
+    fit = identify(replace(like, quantum=quantum, input_before=0.0)).fit
+
+    assert fit is not None
+    for name in ("gain", "coulomb_voltage"):
+        low, high = fit[name].interval
+        assert low < answers(truth)[name] < high

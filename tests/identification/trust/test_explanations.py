@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from servobench.core.finding import Severity
+from servobench.identification.models.motion import turns_between_rows
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case, Causes, explain
 from servobench.identification.trust.explanations.equation import motion
 from servobench.identification.trust.explanations.gain_falls import _is_faster_beyond
@@ -366,3 +367,11 @@ def test_inputs_that_turn_the_shaft_faster_are_beyond_no_limit(
     assert found is not None
 
     assert _is_faster_beyond(Case((found,)), limit) is not is_limited
+
+
+@pytest.mark.parametrize(("turns", "happens_between"), [(0.4, False), (0.6, True)])
+def test_of_rows_half_a_turn_apart_no_weight_is_told(turns: float, happens_between: bool) -> None:
+    angle = 2 * np.pi * turns * np.arange(400.0)
+
+    assert turns_between_rows([dataset(seed=1, samples=400, y=angle)]) is happens_between
+    assert not turns_between_rows([replace(dataset(seed=1, samples=400, y=angle), output_unit="m")])

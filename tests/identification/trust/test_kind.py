@@ -153,5 +153,7 @@ def test_nothing_that_stays_under_a_large_input_or_is_in_rpm_is_called_a_positio
     position = as_speed(dataset(seed=1, samples=2000))
 
     assert told(identify(stays)) == []
-    assert told(identify(replace(position, recorded_unit="rpm"))) == []
+    for unit in ("rpm", "1/min", "U/min"):
+        assert told(identify(replace(position, recorded_unit=unit))) == []
+    assert told(identify(replace(position, recorded_unit="rad/s")))
     assert told(identify(position))

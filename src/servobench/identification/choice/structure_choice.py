@@ -57,9 +57,9 @@ _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the windin
 # Terms that hide the others if they are large come first; an arm may need both of the first two before either is determined.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
-# Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
 _A_FEW = 0.02  # of the samples
 _HARDLY = 0.2  # of the top speed
+# Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
 _AS_GOOD = 1.1
 _LARGE = 10_000  # samples, of all records
 _NEARLY_ALL = 90.0  # % of the output

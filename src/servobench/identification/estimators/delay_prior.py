@@ -42,7 +42,7 @@ from servobench.recordings.measurement.dataset import Dataset
 CODE = "delay-expected"
 TOLD = 0.25  # of the prior's scale: a delay that is known better is the data's own
 _USUAL = 4.0  # scales from its middle: a delay that is further away has to be worth it
-_RARE, _LONG = 8.0, 0.5  # scales, and s
+_RARE, _LONG = 8.0, 0.5  # scales from its middle, and s: nothing that drives a motor is as late
 _USUAL_SURPRISE = 2.0 * float(np.log1p(_USUAL**2))
 _AS_LIKELY = 9.0  # in twice the logarithm of the posterior: places that lie further apart aren't in doubt
 _AS_WELL = 1.1  # times the sum of squares
@@ -90,8 +90,8 @@ def where_expected(
     `sd` is the standard deviation [s] that they give it by themselves. The prior comes along, with the way to other places that
     are as good, where there are such.
     """
-    delay = float(minimum.theta[prior.at])
-    if sd < TOLD * prior.scale and abs(delay - prior.middle) < _USUAL * prior.scale:
+    delay, is_told = float(minimum.theta[prior.at]), sd < TOLD * prior.scale
+    if is_told and abs(delay - prior.middle) < _USUAL * prior.scale:
         return _one_of_several(structure, data, minimum, prior)
     shrunk = delay
     if np.isfinite(sd):
@@ -107,10 +107,10 @@ def where_expected(
         likeliest = _likeliest(data, (best, *settled), prior, samples)
         if likeliest is not best:
             best, prior = likeliest, replace(prior, along=slope_with_delay(likeliest, minimum, prior))
-    is_elsewhere = abs(float(best.theta[prior.at]) - delay) > _APART * prior.scale or sd >= TOLD * prior.scale
-    if is_elsewhere and _likeliest(data, (minimum, best), prior, samples) is best:
+    is_elsewhere = abs(float(best.theta[prior.at]) - delay) > _APART * prior.scale
+    if (is_elsewhere or not is_told) and _likeliest(data, (minimum, best), prior, samples) is best:
         return best, prior
-    return (minimum, replace(prior, along=None)) if sd >= TOLD * prior.scale else None
+    return None if is_told else (minimum, replace(prior, along=None))
 
 
 def _likeliest(

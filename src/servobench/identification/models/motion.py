@@ -37,6 +37,15 @@ def turns_both_ways(data: Sequence[Dataset]) -> bool:
     return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
 
 
+def turns_between_rows(data: Sequence[Dataset]) -> bool:
+    """Return whether a shaft mostly turns by more than half a turn from row to row.
+
+    What repeats with each turn happens between the rows then, and they show another wave, its alias.
+    """
+    turns = [np.diff(each.y) for each in data if each.kind == "position" and each.position_unit == "rad"]
+    return any(map(len, turns)) and float(np.median(np.abs(np.concatenate(turns)))) > np.pi
+
+
 @keep_with_data
 def _senses(data: Dataset) -> Array:
     """The directions (M,); all forward where a position comes back by no more than noise at rest does, or a sensor's dip."""

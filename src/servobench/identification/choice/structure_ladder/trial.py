@@ -18,7 +18,7 @@ from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.least_squares import lowest
 from servobench.identification.estimators.output_error import fit_minimum_roughly
 from servobench.identification.models.base import STRUCTURES, Structure
-from servobench.identification.models.motion import smooth_speed
+from servobench.identification.models.motion import smooth_speed, turns_between_rows
 from servobench.identification.models.nonlinear.grammar import with_term
 from servobench.identification.trust.validation import explains_the_colour
 from servobench.identification.trust.winding import about_winding
@@ -87,7 +87,7 @@ def try_rung(
     structure = STRUCTURES[with_added_term(fit.structure, term) or ""]
     if method.supports(structure, data) is not None:
         return Rung(term=term, plain=plain, fit=fit, doubt=f"{fit.estimator} can't fit it")
-    if "gravity" in term and _is_between_rows(data):
+    if "gravity" in term and turns_between_rows(data):
         return Rung(
             term=term, plain=plain, fit=fit, doubt="the shaft turns by more than half a turn from row to row"
         )
@@ -122,12 +122,6 @@ def _one_unit(plain: Fit) -> float:
     """The change of a fit's sum of squares that changes twice the logarithm of its likelihood by 1, its colour allowed for."""
     residuals = [record.residual[record.valid] for record in plain.records]
     return sum(float(r @ r) for r in residuals) / sum(map(effective_samples, residuals))
-
-
-def _is_between_rows(data: Sequence[Dataset]) -> bool:
-    """Whether most of what repeats with each turn happens between the rows: of such a wave they show another one's alias."""
-    turns = [np.diff(each.y) for each in data if each.kind == "position" and each.position_unit == "rad"]
-    return any(map(len, turns)) and float(np.median(np.abs(np.concatenate(turns)))) > np.pi
 
 
 def _early_doubt(term: str, is_significant: bool, richer: Fit, plain: Fit, fit: Fit) -> str:

@@ -17,9 +17,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _FEW = 12  # samples under one input
 _BEFORE = 3  # samples of rest, and a quarter of the time under the input, unless the record's outputs begin later than its inputs
-_SETS_OFF = (
-    1.2  # times as fast as before the input changed: a shaft that only coasts on gets slower and slower
-)
+_SETS_OFF = 1.2  # times as fast as before the input changed: a shaft that coasts gets slower and slower
 _RESTED = 0.15  # of the way: what a shaft at rest may seem to have moved by, the noise of a servo's own sensor included
 _STANDS = 0.05  # of the way, from one quarter to the next: at a steady speed it is a quarter
 _NOISY = 0.2  # of the way: what all readings at rest may differ by

@@ -9,6 +9,7 @@ import numpy as np
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, refusal
 from servobench.core.runs import runs
+from servobench.core.units import is_unit, unit
 from servobench.identification.estimators.base import Fit, percent_explained
 from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import Layout, at, lowest
@@ -45,7 +46,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     if fit.fit_percent >= _NEARLY_ALL and fit.sd("gain") < abs(fit.model["gain"]):
         return []
-    if data.recorded_unit == "rpm" or (data.kind == "speed" and _stays_while_driven(data)):
+    if _is_in_rpm(data) or (data.kind == "speed" and _stays_while_driven(data)):
         return []  # nobody writes down a position in rpm, and none stays where it is under a large input
     if isnt_at_rest(data):
         return []  # held to a start that it doesn't have, no kind explains it
@@ -82,6 +83,12 @@ def _comes_to_rest(data: Dataset) -> bool:
         if end - first >= _LONG and data.input_at_output[first] != 0
     ]
     return bool(stretches) and all(np.ptp(y[-len(y) // 4 :]) < _HARDLY * np.ptp(y) for y in stretches)
+
+
+def _is_in_rpm(data: Dataset) -> bool:
+    """Whether the output was recorded in turns a minute, by whatever name."""
+    recorded = data.recorded_unit
+    return is_unit(recorded) and unit(recorded).si == "rad/s" and unit(recorded).factor == unit("rpm").factor
 
 
 def _stays_while_driven(data: Dataset) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import warning
+from servobench.identification.models.motion import turns_between_rows
 from servobench.identification.models.nonlinear.structure import SINE
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
@@ -12,7 +13,6 @@ from servobench.identification.trust.explanations.equation import with_extra
 from servobench.recordings.measurement.dataset import Dataset
 
 _LEAST = 0.02  # of the largest input: a smaller torque is cogging, or a belt that runs out of true
-_MOST = np.pi / 2  # rad from row to row, for half of them: what repeats with each turn happens between rows
 _TURNED = 0.2  # rad: over a smaller angle a weight pulls evenly, as an offset does
 
 
@@ -20,7 +20,7 @@ def _weight(case: Case) -> CauseFit | None:
     """Whether sin θ and cos θ, the torque of a weight, make the equation hold."""
     if any(each.data.kind != "position" or each.data.position_unit != "rad" for each in case.motions):
         return None
-    if all(float(np.median(np.abs(np.diff(each.data.y)))) > _MOST for each in case.motions):
+    if turns_between_rows([each.data for each in case.motions]):
         return None
     sine = [each.filter_through_chain(np.sin(each.y + each.data.y[0])) for each in case.motions]
     cosine = [each.filter_through_chain(np.cos(each.y + each.data.y[0])) for each in case.motions]
