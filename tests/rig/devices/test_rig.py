@@ -1,6 +1,8 @@
 """The device `rig` with the firmware in simavr, in lock-step: what a run of it gives, and how each of its faults is reported."""
 
 import errno
+import itertools
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -325,6 +327,27 @@ def test_a_port_that_one_may_not_use_says_how_one_may(monkeypatch: pytest.Monkey
     monkeypatch.setattr(serial, "Serial", refuse)
     with pytest.raises(DeviceError, match=r"\(Permission denied\); .*dialout"):
         Rig(RigSettings(port="/dev/ttyUSB0")).__enter__()
+
+
+def test_a_computer_that_stands_still_while_it_writes_has_not_lost_its_port(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from serial.serialutil import Timeout
+
+    longest = protocol().constants["watchdog_max_ms"] * 1e-3
+    clock = itertools.count()
+    ours, theirs = os.openpty()
+    try:
+        port = serial_port.SerialPort(os.ttyname(theirs), 500_000)
+        # As long as the longest watchdog passes between the write's beginning and the look whether its time is over, two on.
+        monkeypatch.setattr(Timeout, "TIME", lambda *_: longest / 2 * next(clock))
+        port.write(b"taken")
+        monkeypatch.undo()
+        assert os.read(ours, 5) == b"taken"
+        port.close()
+    finally:
+        os.close(ours)
+        os.close(theirs)
 
 
 class Talker:

@@ -52,4 +52,6 @@ class SerialPort:
         self._port.close()
 
 
-PATIENCE_TO_WRITE = 0.2  # s; a port that takes nothing for as long is gone
+# s; a port that takes nothing for as long is gone. pyserial also says so of a write that succeeded while the computer itself
+# stood still: longer than any watchdog of the board lasts, so that the board's own word for that, "too late", is heard first.
+PATIENCE_TO_WRITE = 1.0
