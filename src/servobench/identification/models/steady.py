@@ -25,6 +25,7 @@ _NOISE = 0.01  # of the largest speed: a change that may be noise
 _NEARLY_ALL = 0.8  # of the stretches in which the speed plainly changes, and of the samples
 _MOSTLY = 0.5  # of the time under constant inputs
 _CALM = 0.25  # of the rate at which speeds change that haven't settled: by chance some of a flywheel's change by half of it
+_INNER = np.arange(1.0, 4.0)  # the ends of quarters within a stretch
 _PLAIN = 0.2  # of the largest speed: a change that shows how fast the speed settles
 
 
@@ -73,7 +74,7 @@ def stretches_of_input(data: Dataset) -> tuple[NDArray[np.int64], NDArray[np.int
 def quarters(data: Dataset, first: int, end: int) -> list[slice]:
     """Return the samples of each quarter of the time from sample `first` to before `end`; none where one of them has no two."""
     t = data.t_output
-    inner = np.searchsorted(t, np.linspace(t[first], t[end - 1], 5)[1:-1])
+    inner = np.searchsorted(t, t[first] + _INNER * ((t[end - 1] - t[first]) / 4))
     edges = [first, *(int(n) for n in inner), end]
     parts = [slice(a, b) for a, b in pairwise(edges)]
     return parts if all(part.stop - part.start >= 2 for part in parts) else []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,10 +40,11 @@ def _about_fit(fit: Fit) -> list[Finding]:
     inputs = [data.input_at_output[: _SAMPLES[well]] for data in records]
     if "gain" not in fit.model.names or any(len(_switches(u)) < _LEVELS for u in inputs):
         return []
-    recorded = _misfit(records, inputs)
-    if well and recorded < _ALL * _misfit(records, [0.0 * u for u in inputs]):
-        return []
-    as_good = _as_good_orders(records, inputs, recorded)
+    if well:
+        explained = _ALL * min(_misfits_behind_lags(records, [0.0 * u for u in inputs]))
+        if any(each < explained for each in _misfits(records, inputs)):
+            return []
+    as_good = _as_good_orders(records, inputs, _misfit(records, inputs))
     if as_good < _AS_GOOD:
         return []
     speeds_tell = records[0].kind == "position" and (
@@ -78,23 +81,33 @@ def _reorder(u: Array, generator: np.random.Generator) -> Array:
 
 
 def _misfit(records: list[Dataset], inputs: list[Array], as_speed: bool = False) -> float:
-    """The smaller sum of squares of an input that acts as recorded, and of one that acts before its row is written."""
+    """The smallest sum of squares that a motor leaves of the records, relative to that of each record's own variation."""
+    return min(_misfits(records, inputs, as_speed))
+
+
+def _misfits(records: list[Dataset], inputs: list[Array], as_speed: bool = False) -> Iterator[float]:
+    """The sums of squares of an input that acts as recorded, and of one that acts before its row is written."""
     early = [np.append(u[1:], u[-1]) for u in inputs]
-    return min(_misfit_of_inputs(records, each, as_speed) for each in (inputs, early))
+    for each in (inputs, early):
+        yield from _misfits_behind_lags(records, each, as_speed)
 
 
-def _misfit_of_inputs(records: list[Dataset], inputs: list[Array], as_speed: bool) -> float:
-    """The smallest sum of squares that a motor leaves of the records, relative to that of each record's own variation.
+def _misfits_behind_lags(
+    records: list[Dataset], inputs: list[Array], as_speed: bool = False
+) -> Iterator[float]:
+    """The sums of squares that a motor with each of several time constants, from the longest on, leaves of the records.
 
-    Linear least squares in gain, offset and start for each of several time constants: the same small search for every order.
-    A position may be compared `as_speed`, by what it goes from sample to sample.
+    Linear least squares in gain, offset and start: the same small search for every order. A position may be compared
+    `as_speed`, by what it goes from sample to sample.
     """
-    shares = []
-    for data, u in zip(records, inputs, strict=True):
-        y, t = data.y[: len(u)], data.t_output[: len(u)]
-        lags = np.geomspace(_SHORTEST * data.sample_time, max(t[-1] - t[0], data.sample_time), _LAGS)
-        shares.append([_misfit_behind_lag(y, u, t, lag, data.kind, as_speed) for lag in lags])
-    return float(np.min(np.sum(shares, axis=0)))
+    times = [data.t_output[: len(u)] for data, u in zip(records, inputs, strict=True)]
+    spans = [max(t[-1] - t[0], data.sample_time) for data, t in zip(records, times, strict=True)]
+    shortest = [_SHORTEST * data.sample_time for data in records]
+    for lags in np.geomspace(spans, shortest, _LAGS):
+        yield sum(
+            _misfit_behind_lag(data.y[: len(u)], u, t, float(lag), data.kind, as_speed)
+            for data, u, t, lag in zip(records, inputs, times, lags, strict=True)
+        )
 
 
 def _misfit_behind_lag(y: Array, u: Array, t: Array, lag: float, kind: str, as_speed: bool) -> float:

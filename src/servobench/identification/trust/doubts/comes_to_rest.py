@@ -99,12 +99,13 @@ def _move(data: Dataset, position: Array, first: int, end: int) -> _Move | None:
         return None  # too few samples, or it isn't known that the input changes here
     third, last = (float(position[part].mean()) for part in parts[2:])
     way, rest = abs(last - float(before.mean())), position[parts[2].start : end]
+    stands = abs(last - third) <= _STANDS * way and np.ptp(rest) <= _NOISY * way
+    if not (stands and way > max(_CLEAR * float(np.std(rest)), _COUNTS * (data.quantum or 0.0))):
+        return None
     rested = np.ptp(before) <= _RESTED * way and _sets_off(
         t[first - len(before) : end], position[first - len(before) : end], len(before)
     )
-    stands = abs(last - third) <= _STANDS * way and np.ptp(rest) <= _NOISY * way
-    clear = way > max(_CLEAR * float(np.std(rest)), _COUNTS * (data.quantum or 0.0))
-    if not (rested and stands and clear):
+    if not rested:
         return None
     far = np.flatnonzero(np.abs(under - last) > _RESTED * way)
     return _Move(first=first, arrived=first + (int(far[-1]) + 1 if len(far) else 0), end=end)
