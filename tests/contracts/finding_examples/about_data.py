@@ -228,6 +228,17 @@ def _read_every(rows: int) -> Dataset:
     return replace(sound(), t_input=sound().t_input - late, t_output=sound().t_output - late)
 
 
+def _beside_position(part: float) -> Recording:
+    """A sine's position, and `part` of its speed as the output."""
+    t = 0.01 * np.arange(300)
+    speed = recording(part * 40.0 * np.cos(t), "rad/s", t=t, u=np.cos(t))
+    (output,) = (each for each in speed.series if each.channel.name == speed.output)
+    angle = replace(
+        output, channel=replace(output.channel, name="angle", unit="rad"), values=40.0 * np.sin(t)
+    )
+    return assign(replace(speed, series=(*speed.series, angle)))
+
+
 def _slipped(angle: float) -> Dataset:
     """A shaft that slips in its coupling by an angle [rad], once."""
     return replace(sound(), y=sound().y + np.where(np.arange(5000) > 3210, angle, 0.0))
@@ -279,6 +290,11 @@ EXAMPLES = (
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),
     _example("output-stops", _blocked_late, sound),
+    _example(
+        "period-short",
+        lambda: driven(np.resize([1.0, 3.0, 2.0], 300)),
+        lambda: driven(np.resize(np.arange(6.0), 300)),
+    ),
     _example("rest-to-state", lambda: begun(RISING), lambda: begun(RISING + 20.0)),
     _example("single-level", lambda: driven(np.where(TIME[:2000] < 0.4, 0.0, 2.0)), sound),
     _example("size-absurd", lambda: replace(sound(), u=1000 * sound().u), sound),
@@ -288,6 +304,11 @@ EXAMPLES = (
         absent=lambda: _of_duty(":%").findings,
     ),
     _example("table-static", lambda: _table("sample-time-given"), lambda: _table("")),
+    Example(
+        code="position-disagrees",
+        raised=lambda: _beside_position(0.9).findings,
+        absent=lambda: _beside_position(0.97).findings,
+    ),
     Example(
         code="thousands-separated",
         raised=lambda: parse("y\n1'013\n", "log.csv").findings,

@@ -202,6 +202,15 @@ def _late(delay: float) -> Fit:
     return fitted(late.part(0.5, 3.5))
 
 
+@cache
+def _speed_at(levels: tuple[float, ...], size: bool) -> Fit:
+    """The speed [rad/s] at levels of half a second each, as it is or its `size`."""
+    u = np.repeat(levels, 250)
+    data = dataset(seed=1, samples=len(u), u=u, chain="derivative")
+    y = np.abs(data.y) if size else data.y
+    return fitted(replace(data, y=y, applied=type(data.applied)(), quantum=None))
+
+
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
     _example("delay-rare", lambda: _late(0.1), lambda: _late(0.0)),
@@ -225,6 +234,11 @@ EXAMPLES = (
     _example("shaft-comes-to-rest", lambda: _position_loop("V"), lambda: _limited_to(3.0)),
     _example("shaft-runs-back", lambda: _on_a_spring(0.5), lambda: _on_a_spring(0.0)),
     _example("speed-by-direction", lambda: _up_and_down(0.15), lambda: _up_and_down(0.0)),
+    _example(
+        "speed-unsigned",
+        lambda: _speed_at((1.0, 3.0, -2.0, -1.0, 2.0, -3.0), True),
+        lambda: _speed_at((1.0, 3.0, -2.0, -1.0, 2.0, -3.0), False),
+    ),
     _example("speed-levels-off", lambda: _limited_to(1.4), lambda: _limited_to(3.0)),
     _example("start-held", fit_of_held_start, lambda: fit_of_held_start(later=3.0, static=6.0, late=12)),
     _example("structure-reverses", _one_way_that_reverses),

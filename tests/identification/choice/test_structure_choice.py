@@ -27,6 +27,8 @@ from servobench.recordings.measurement.dataset import Dataset
 from servobench.rig.devices.twin import Twin, TwinSettings
 from tests.contracts.finding_examples.base import with_values
 from tests.datasets import dataset
+from tests.identification.uncertainty.test_static_friction import GAIN as RAMPED
+from tests.identification.uncertainty.test_static_friction import SLIDING, ramps
 from tests.identification.uncertainty.test_systematic_torque import FRICTION, GAIN, TAU
 from tests.identification.uncertainty.test_systematic_torque import turned as finely_stepped
 from tests.recordings.measurement.test_measure import recording
@@ -536,3 +538,14 @@ def test_a_rest_that_noise_hides_does_not_make_friction_zero(seed: int) -> None:
     for name in ("gain", "coulomb_voltage"):
         low, high = fit[name].interval
         assert low < answers(truth)[name] < high
+
+
+@pytest.mark.parametrize(("static", "found"), [(0.75, True), (SLIDING, False)])
+def test_a_ramp_from_rest_tells_the_gain_of_a_shaft_that_breaks_away(static: float, found: bool) -> None:
+    """As the quasi-static test of a robot's wheel: the shaft has a speed at once where the static friction is larger."""
+    ramp = ramps(static, np.linspace(0.0, 2.0, 400))
+    result = identify(ramp)
+
+    check(result, gain=10 * RAMPED)
+    assert result["gain"].interval[1] - result["gain"].interval[0] < 0.2 * 10 * RAMPED
+    assert ("stribeck-found" in codes(result)) is found

@@ -133,6 +133,21 @@ def test_a_pair_of_poles_oscillates_only_where_it_is_hardly_damped(damping: floa
     assert [finding.code for finding in explain([record])] == [code]
 
 
+def test_nothing_swings_faster_than_the_rows_can_show() -> None:
+    """4 Hz in rows a tenth of a second apart: poles of 9 Hz make the equation hold, which no rows of 0.1 s show."""
+    u = np.repeat(np.random.default_rng(2).uniform(-3.0, 3.0, 60), 250)
+    step, rate, speed, own = 0.002, 0.0, np.zeros(len(u)), 2 * np.pi * 4.0
+    for n in range(1, len(u)):
+        rate += step * (own**2 * (20.0 * u[n - 1] - speed[n - 1]) - 2.0 * 0.2 * own * rate)
+        speed[n] = speed[n - 1] + step * rate
+    rows = slice(None, None, 50)
+    record = dataset(seed=1, samples=len(u[rows]), sample_time=0.1, u=u[rows], y=speed[rows])
+
+    swinging = explain([replace(record, kind="speed", output_unit="rad/s", quantum=None)])
+
+    assert "response-oscillates" not in [finding.code for finding in swinging]
+
+
 def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing() -> None:
     """Levels of 40 ms over 1500 s, on a grid of 6000 points 250 ms apart: what acts between them isn't seen."""
     levels = np.random.default_rng(0).uniform(-3, 3, 37_500)

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from servobench.core.errors import UsageError
+from servobench.core.finding import Severity
 from servobench.identification.estimators.base import ESTIMATORS, Fit, fit_percent
 from servobench.identification.estimators.output_error import OutputError, simulate_record
 from servobench.identification.identify import identify
@@ -173,6 +174,25 @@ def test_two_steps_of_which_one_alone_says_too_little_are_not_called_too_few_cha
     (finding,) = [each for each in result.findings if each.code == "not-validated"]
     assert "the rest determines the model too poorly" in finding.sentence
     assert "must change both" not in finding.sentence
+
+
+@pytest.mark.parametrize(("follows", "severity"), [(0.0, Severity.INFO), (0.9, Severity.WARNING)])
+def test_what_a_torque_stands_for_is_only_doubted_where_it_is_a_motion(
+    follows: float, severity: Severity
+) -> None:
+    """Noise of 0.4 of the speed, each value of it with so much of the one before, under one step: nothing can be left out."""
+    random, noise = np.random.default_rng(2), np.zeros(60)
+    for n in range(20, 60):
+        noise[n] = follows * noise[n - 1] + np.sqrt(1.0 - follows**2) * random.normal(0.0, 1.0)
+    u = np.repeat([0.0, 4.0], [20, 40])
+    data = dataset(seed=1, samples=60, sample_time=0.05, u=u, chain="derivative")
+    noisy = replace(data, y=data.y + 16.0 * noise, applied=type(data.applied)(), quantum=None)
+    fit = ESTIMATORS["prediction_error"].fit(STRUCTURES["first_order_one_way_rest"], [noisy])
+
+    assert fit.disturbance is not None
+    assert fit.fit_percent < 90
+    (finding,) = about_validation(fit, None)
+    assert (finding.code, finding.severity) == ("not-validated", severity)
 
 
 def test_under_a_random_torque_the_rest_is_fitted_as_the_whole_was() -> None:

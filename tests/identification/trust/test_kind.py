@@ -157,3 +157,17 @@ def test_nothing_that_stays_under_a_large_input_or_is_in_rpm_is_called_a_positio
         assert told(identify(replace(position, recorded_unit=unit))) == []
     assert told(identify(replace(position, recorded_unit="rad/s")))
     assert told(identify(position))
+
+
+def test_three_rows_of_a_period_are_neither_kind() -> None:
+    """A servo's setpoints, which come again after three rows, and its angle: it settles in between, for all that they show."""
+    setpoint = np.resize([-68.3, -77.7, -61.2], 120)
+    angle = 0.7 * setpoint + 0.3 * np.roll(setpoint, 1)
+    joint = replace(
+        dataset(seed=1, samples=120, sample_time=0.2, u=setpoint, y=np.radians(angle)), input_unit="1"
+    )
+    result = identify(replace(joint, quantum=None))
+
+    assert told(result) == []
+    assert "period-short" in {finding.code for finding in result.findings}
+    assert result.verdict is not Verdict.TRUSTED

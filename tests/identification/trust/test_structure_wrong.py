@@ -12,9 +12,12 @@ from tests.contracts.finding_examples.base import sound_fit
 N = 2000
 SLOW = np.sin(2 * np.pi * np.arange(N) / 400)
 RIPPLE = np.where(np.arange(N) % 2, 1.0, -1.0)
+ROUNDING = np.random.default_rng(2).uniform(-1.2, 1.2, N + 2)
+CENTRAL = ROUNDING[2:] - ROUNDING[:-2]
+"""What rounding leaves of a speed that is the next count minus the last one."""
 
 
-@pytest.mark.parametrize(("left", "codes"), [(SLOW, ["structure-wrong"]), (RIPPLE, [])])
+@pytest.mark.parametrize(("left", "codes"), [(SLOW, ["structure-wrong"]), (RIPPLE, []), (CENTRAL, [])])
 def test_only_a_motion_is_a_wrong_structure(left: np.ndarray, codes: list[str]) -> None:
     """What is left is two fifths of the output, and neither noise model explains it."""
     (record,) = sound_fit().records

@@ -265,6 +265,9 @@ FLIPPED = np.searchsorted([21, 40, 61, 80, 100, 121, 140, 161, 180, 201], np.ara
         np.zeros(50),
         10.0 * np.arange(100.0),  # more than a turn in every sample
         np.radians(FLICKER + 350 * FLIPPED),
+        np.radians(
+            np.resize([-109.5, -113.5, -117.5], 300)
+        ),  # a joint that swings, three samples to a period
     ],
 )
 def test_an_angle_that_only_moves_far_is_not_taken_for_one_that_wraps(travel: np.ndarray) -> None:

@@ -53,7 +53,8 @@ def with_counts_restored(
         return tuple(records), []
     restored = []
     for record in records:
-        summation = _restore(record)
+        incomplete = any(finding.code == "position-disagrees" for finding in record.findings)
+        summation = None if incomplete else _restore(record)
         if summation is None:
             return tuple(records), []
         restored.append(summation)

@@ -57,7 +57,12 @@ _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the windin
 # Terms that hide the others if they are large come first; an arm may need both of the first two before either is determined.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
+_STICKS = "first_order_coulomb_stribeck"
+_BREAKS_AWAY = 0.5  # of the residual without: what is left where the shaft breaks away
+_GRADUAL = 0.05  # of all of a ramp, from sample to sample
+_ONE_WAY = 0.9  # of the input's changes
 _A_FEW = 0.02  # of the samples
+_SEVERAL = 3  # samples
 _HARDLY = 0.2  # of the top speed
 # Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
 _AS_GOOD = 1.1
@@ -322,7 +327,37 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     without, with_it = (f"{fit.fit_percent:.2f}" for fit in (one_way, with_rest))
     if float(with_it) > float(without):
         sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
-    return _Base(fit=with_rest, findings=(info(_REST, sentence, parameters=("coulomb_voltage",)),), fits=fits)
+    finding = info(_REST, sentence, parameters=("coulomb_voltage",))
+    return _with_breakaway(method, data, _Base(fit=with_rest, findings=(finding,), fits=fits))
+
+
+def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> _Base:
+    """The base with friction that is larger near standstill, where ramps from rest can't do without it.
+
+    A shaft that breaks away at a larger input than one friction allows has a speed at once: the ramp shows nothing else so well.
+    """
+    if is_rounding(base.fit) or not all(map(_ramps, data)):
+        return base
+    try:
+        sticks = fit_structure(method, STRUCTURES[_STICKS], data)
+    except NotIdentifiable:
+        return base
+    if not sticks.residual_sd < _BREAKS_AWAY * base.fit.residual_sd or not clearly_better(sticks, base.fit):
+        return base
+    sentence = (
+        "The shaft breaks away at a larger input than keeps it turning, so the model has friction that falls with the speed "
+        f"(Stribeck). Without it the simulation explains {base.fit.fit_percent:.2f} % of the output, with it "
+        f"{sticks.fit_percent:.2f} %."
+    )
+    finding = info("stribeck-found", sentence, parameters=("coulomb_voltage",))
+    return _Base(fit=sticks, findings=(*base.findings, finding), fits={**base.fits, sticks.structure: sticks})
+
+
+def _ramps(record: Dataset) -> bool:
+    """Whether the input changes from sample to sample by little at the most, and goes one way."""
+    changes = np.diff(record.u)
+    size, way = float(np.abs(changes).max(initial=0.0)), abs(float(record.u[-1] - record.u[0]))
+    return 0.0 < size <= _GRADUAL * way and way >= _ONE_WAY * float(np.abs(changes).sum())
 
 
 def _rest_in_words(data: Sequence[Dataset], begins: bool) -> str:
@@ -363,8 +398,9 @@ def _turns_back_what_stands(one_way: Fit) -> bool:
 
 
 def _stands(data: Sequence[Dataset]) -> bool:
-    """Whether at least one sample in fifty was taken while the motor stood still."""
-    return bool(np.mean(np.concatenate([stands(record) for record in data])) > _A_FEW)
+    """Whether at least one sample in fifty, and three of them, were taken while the motor stood still."""
+    still = np.concatenate([stands(record) for record in data])
+    return bool(np.mean(still) > _A_FEW and np.count_nonzero(still) >= _SEVERAL)
 
 
 def _climb(

@@ -22,6 +22,7 @@ from servobench.identification.estimators.prediction_error import maximum_likeli
 from servobench.identification.models.common_parameters import ONE_WAY
 from servobench.identification.models.motion import turns_both_ways
 from servobench.identification.result import RecordFit, Validation
+from servobench.identification.trust.doubts.structure_wrong import likeness
 from servobench.recordings.measurement.dataset import Dataset
 
 _FOLDS = 8  # fits at the most
@@ -44,6 +45,7 @@ _STILL = 0.02  # of the motion in all data: a part that neither moves nor is mis
 _BEYOND = 8.0
 # Percent of the output: a random torque that accounts for what is left beyond it may as well be a wrong model, if no test tells.
 _BY_TORQUE = 90.0
+_AT_ONCE = 0.3  # the correlation of what is left with itself a sample later, below which it is no motion
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,7 +165,9 @@ def _not_validated(fit: Fit) -> Finding:
         return info("not-validated", f"The model {untested}: {why}. {remedy}")
     why = f"{untested}: whatever part is left out, the rest determines the model too poorly to predict it"
     remedy = "Record a second run, or an input that changes more often."
-    if fit.disturbance is None or fit.fit_percent > _BY_TORQUE:
+    # What changes at once comes from the sensor, and isn't the structure's.
+    at_once = all(likeness(record) < _AT_ONCE for record in fit.records)
+    if fit.disturbance is None or fit.fit_percent > _BY_TORQUE or at_once:
         return info("not-validated", f"The model {why}. {remedy}")
     left = plain(100.0 - fit.fit_percent, 2)
     sentence = (

@@ -298,14 +298,14 @@ def about_other_roles(
     unused = [each.channel.name for each in recording.series if has_numbers(each)]
     unused = [name for name in unused if name not in used]
     findings = []
-    if _is_reference(driven.channel.name) and quantity_of(driven.channel.unit) not in {"position", "speed"}:
+    if is_reference(driven.channel.name) and quantity_of(driven.channel.unit) not in {"position", "speed"}:
         sentence = (
             f"The input `{driven.channel.name}` is, by its name, what a loop follows. If it is, the model describes the whole "
             "loop, controller included, not the motor: name the column of the voltage or the duty as the input."
         )
         findings.append(info("reference-possible", sentence, parameters=("gain", "time_constant")))
     followed = _nearest(
-        [name for name in unused if _is_reference(name) and _varies(recording[name].values)], used
+        [name for name in unused if is_reference(name) and _varies(recording[name].values)], used
     )
     if followed is not None and "reference" not in known:
         sentence = (
@@ -323,8 +323,8 @@ def about_other_roles(
     return findings
 
 
-def _is_reference(name: str) -> bool:
-    """Whether a name is a reference's, such as `target`, or begins like one of a position or speed, such as `ref_speed`."""
+def is_reference(name: str) -> bool:
+    """Return whether a name is a reference's, as `target` is, or begins like one of a position or speed, as `ref_speed` does."""
     plain = plain_name(name)
     first = plain.partition("_")[0]
     return plain in REFERENCE_NAMES or (
@@ -349,6 +349,11 @@ def about_two_motors(recording: Recording, driven: str, output: str) -> list[Fin
             )
             return [warning("columns-of-two-motors", sentence, parameters=("gain", "time_constant"))]
     return []
+
+
+def parts_that_tell_apart(name: str) -> set[str]:
+    """Return the numbers, letters and sides in a column's name, its unit left out, by which motors are told apart."""
+    return set(filter(_tells_apart, _parts(name) - _parts(heading(name).unit or "")))
 
 
 def _tells_apart(part: str) -> bool:

@@ -20,6 +20,7 @@ from servobench.recordings.formats.choice import Choice, about_other_roles, abou
 from servobench.recordings.formats.direction import missing_sign
 from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
 from servobench.recordings.formats.likely_units import about_input_unit
+from servobench.recordings.formats.position_beside import about_position_beside
 from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role, quantity_of, shell_text
 from servobench.recordings.formats.supply import constant, motor_voltage
 from servobench.recordings.formats.timing import assign_times, seconds
@@ -94,6 +95,7 @@ def assign(
             *about_samples,
             *about_other_roles(recording, taken["input"], used, known),
             *about_two_motors(recording, *(taken[role].channel.name for role in ("input", "output"))),
+            *about_position_beside(recording, taken["output"]),
         ),
     )
     result = _with_unit_doubt(result, recording)

@@ -17,6 +17,7 @@ from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrap
 # Widths at which absolute encoders (10, 12, 14) and counters wrap.
 _USUAL_BITS = (8, 10, 12, 14, 16, 24, 32)
 _ALL = 0.9  # of the range: a jump back to where the sensor begins
+_GRADUAL = 0.3  # of the range: more from row to row, and a swing looks like a jump
 _SIDES = 2  # steps on either side of a jump that go the other way
 
 
@@ -87,7 +88,10 @@ def _begins_anew(column: Column, span: float) -> list[Finding]:
     beside = jumps[:, None] + np.array([*range(-_SIDES, 0), *range(1, _SIDES + 1)])
     if not len(jumps) or beside.min() < 0 or beside.max() >= len(steps):
         return []
-    if not (steps[beside] * np.sign(steps[jumps])[:, None] < 0.0).all():
+    if (
+        not (steps[beside] * np.sign(steps[jumps])[:, None] < 0.0).all()
+        or np.abs(steps[beside]).max() > _GRADUAL * span
+    ):
         return []
     jump = float(np.median(np.abs(steps[jumps])) + np.median(np.abs(steps[beside])))
     whole = f"{np.degrees(jump):.4g} deg" if column.unit == "rad" else f"{jump:.4g} {column.unit}"

@@ -44,11 +44,12 @@ def _about_fit(fit: Fit) -> list[Finding]:
         explained = _ALL * min(_misfits_behind_lags(records, [0.0 * u for u in inputs]))
         if any(each < explained for each in _misfits(records, inputs)):
             return []
-    as_good = _as_good_orders(records, inputs, _misfit(records, inputs))
+    as_good = _as_good_orders(records, inputs, least_misfit(records, inputs))
     if as_good < _AS_GOOD:
         return []
     speeds_tell = records[0].kind == "position" and (
-        _as_good_orders(records, inputs, _misfit(records, inputs, as_speed=True), as_speed=True) < _AS_GOOD
+        _as_good_orders(records, inputs, least_misfit(records, inputs, as_speed=True), as_speed=True)
+        < _AS_GOOD
     )
     if speeds_tell:
         return []
@@ -65,7 +66,9 @@ def _as_good_orders(
 ) -> int:
     """How many other orders of the levels leave as little as the recorded one does."""
     generator = np.random.default_rng(0)
-    others = [_misfit(records, [_reorder(u, generator) for u in inputs], as_speed) for _ in range(_ORDERS)]
+    others = [
+        least_misfit(records, [_reorder(u, generator) for u in inputs], as_speed) for _ in range(_ORDERS)
+    ]
     return sum(other <= recorded for other in others)
 
 
@@ -80,8 +83,11 @@ def _reorder(u: Array, generator: np.random.Generator) -> Array:
     return np.concatenate([held[at] for at in generator.permutation(len(held))])
 
 
-def _misfit(records: list[Dataset], inputs: list[Array], as_speed: bool = False) -> float:
-    """The smallest sum of squares that a motor leaves of the records, relative to that of each record's own variation."""
+def least_misfit(records: list[Dataset], inputs: list[Array], as_speed: bool = False) -> float:
+    """Return the smallest sum of squares that a motor leaves of records, relative to that of each record's own variation.
+
+    `inputs` (N,) are those of the records' first N samples of the output, in place of their own.
+    """
     return min(_misfits(records, inputs, as_speed))
 
 

@@ -19,6 +19,7 @@ from servobench.identification.models.steady import quarters, stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.echo import alike
 from servobench.identification.trust.doubts.rest_claimed import isnt_at_rest
+from servobench.identification.trust.doubts.short_period import repeats_soon
 from servobench.recordings.measurement.dataset import Dataset
 
 _NEARLY_ALL = 90.0  # percent: what explains so much, with a gain that is known, is the right kind
@@ -48,6 +49,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     if _is_in_rpm(data) or (data.kind == "speed" and _stays_while_driven(data)):
         return []  # nobody writes down a position in rpm, and none stays where it is under a large input
+    if repeats_soon(data):
+        return []  # in the few rows of a period the one looks like the other
     if isnt_at_rest(data):
         return []  # held to a start that it doesn't have, no kind explains it
     if goal_finding(data) is not None:

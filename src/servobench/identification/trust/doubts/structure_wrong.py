@@ -11,6 +11,7 @@ from servobench.identification.trust.doubts.lattice import lattice_step
 
 _EXPLAINED = 80.0  # percent of the output
 _GOES_ON = 0.8  # of its variance: a residual's covariance with itself a sample later
+_CENTRAL = -0.25  # half way from a correlation of nothing to that of central differences
 _PENDULUM = (
     "According to the file a pendulum hangs on the shaft, and this structure has no gravity, so "
     "its parameters aren't the motor's. Try `structure=first_order_coulomb_gravity` with the "
@@ -57,19 +58,26 @@ def _pendulum_left_out(fit: Fit) -> bool:
 
 def _follows_itself(fit: Fit) -> bool:
     """Whether what is left over of each record goes on from sample to sample, as the error of a model does and no noise."""
-    return all(_likeness(record) >= _GOES_ON for record in fit.records)
+    return all(likeness(record) >= _GOES_ON for record in fit.records)
 
 
 def _alternates(fit: Fit) -> bool:
-    """Whether what is left over of each record alternates from sample to sample: a ripple of the sensor, and no motion."""
-    return all(_likeness(record) < 0 for record in fit.records)
+    """Whether what is left over of each record alternates from sample to sample, or every other one: the sensor, and no motion.
+
+    Of the rounding of counts whose next one and last one are subtracted, as numpy's `gradient` does, neighbours have nothing to
+    do with each other, and of every other one the correlation is -1/2.
+    """
+    return all(
+        likeness(record) < 0 or (likeness(record) < -_CENTRAL and likeness(record, 2) < _CENTRAL)
+        for record in fit.records
+    )
 
 
-def _likeness(record: FittedRecord) -> float:
-    """The correlation of what is left over of a record with itself a sample later; 1 where nothing is left."""
+def likeness(record: FittedRecord, later: int = 1) -> float:
+    """Return the correlation of what is left over of a record with itself some samples later; 1 where nothing is left."""
     left = record.residual[record.valid] - record.residual[record.valid].mean()
     power = float(left @ left)
-    return float(left[1:] @ left[:-1]) / power if power else 1.0
+    return float(left[later:] @ left[:-later]) / power if power else 1.0
 
 
 DOUBTS.member("structure_wrong")(Doubt(codes=("structure-wrong",), about_fit=_about_fit))

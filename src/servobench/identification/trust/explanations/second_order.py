@@ -12,6 +12,7 @@ from servobench.identification.trust.explanations.equation import may_be_any_sha
 
 _STRUCTURE = "rational_2_0_integrator_delay"
 _SWINGS = 0.5  # of critical damping: with more a step overshoots by less than a sixth, and hardly swings
+_SEEN = 0.5  # of the sample rate: nothing faster is to be seen
 _PERIODS = 2  # in the longest record: what swings fewer times is anything slow
 
 
@@ -27,6 +28,8 @@ def _second_order(case: Case) -> CauseFit | None:
     if case.plain.misfit > 0 and may_be_any_shape(case.motions, regression.misfit / case.plain.misfit):
         return None
     longest = max(each.t[-1] - each.t[0] for each in case.motions)
+    if squared > 0 and frequency * min(each.data.sample_time for each in case.motions) > _SEEN:
+        return None
     swings = squared > 0 and tau**2 < 4 * _SWINGS**2 * squared and frequency * longest > _PERIODS
     how = f"oscillates at about {frequency:.2g} Hz" if swings else "has a second pole"
     sentence = (
