@@ -32,6 +32,7 @@ from servobench.identification.choice.structure_ladder.comparison import (
 from servobench.identification.choice.structure_ladder.sentences import rung_finding, stop_finding
 from servobench.identification.choice.structure_ladder.trial import (
     Rung,
+    embed,
     is_certain,
     try_rung,
     with_added_term,
@@ -59,6 +60,7 @@ _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
 _STICKS = "first_order_coulomb_stribeck"
 _BREAKS_AWAY = 0.5  # of the residual without: what is left where the shaft breaks away
+_SLOW = 0.05  # of a ramp's time: a longer lag bends it
 _GRADUAL = 0.05  # of all of a ramp, from sample to sample
 _ONE_WAY = 0.9  # of the input's changes
 _A_FEW = 0.02  # of the samples
@@ -334,15 +336,28 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
 def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> _Base:
     """The base with friction that is larger near standstill, where ramps from rest can't do without it.
 
-    A shaft that breaks away at a larger input than one friction allows has a speed at once: the ramp shows nothing else so well.
+    A shaft that breaks away at a larger input than one friction allows has a speed at once. A long lag instead would do the same
+    to the beginning of a ramp.
     """
     if is_rounding(base.fit) or not all(map(_ramps, data)):
         return base
+    structure = STRUCTURES[_STICKS]
+    if method.supports(structure, data) is not None:
+        return base
     try:
-        sticks = fit_structure(method, STRUCTURES[_STICKS], data)
+        # On a ramp an offset and a delay of any size do the same: a usual delay is tried first.
+        starts = (embed(base.fit, structure, data), *structure.guesses(data))
+        sticks = next(
+            (
+                each
+                for start in starts
+                if _breaks_away(each := method.fit(structure, data, (start,)), base.fit, data)
+            ),
+            None,
+        )
     except NotIdentifiable:
         return base
-    if not sticks.residual_sd < _BREAKS_AWAY * base.fit.residual_sd or not clearly_better(sticks, base.fit):
+    if sticks is None:
         return base
     sentence = (
         "The shaft breaks away at a larger input than keeps it turning, so the model has friction that falls with the speed "
@@ -351,6 +366,12 @@ def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> 
     )
     finding = info("stribeck-found", sentence, parameters=("coulomb_voltage",))
     return _Base(fit=sticks, findings=(*base.findings, finding), fits={**base.fits, sticks.structure: sticks})
+
+
+def _breaks_away(sticks: Fit, slides: Fit, data: Sequence[Dataset]) -> bool:
+    """Whether a fit with more friction near standstill explains far more than one without, by no lag that is as good."""
+    lags = sticks.model["time_constant"] > _SLOW * max(record.duration for record in data)
+    return sticks.residual_sd < _BREAKS_AWAY * slides.residual_sd and not lags
 
 
 def _ramps(record: Dataset) -> bool:

@@ -22,7 +22,7 @@ from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import SAME, instead_of
 from servobench.identification.estimators.base import Fit, IntervalsOnDemand
 from servobench.identification.estimators.budget import Contribution, beyond
-from servobench.identification.estimators.covariance import conservative, sandwich_over
+from servobench.identification.estimators.covariance import conservative, inverse, sandwich_over
 from servobench.identification.estimators.delay_prior import prior_of
 from servobench.identification.estimators.disturbance import (
     Disturbance,
@@ -39,8 +39,9 @@ from servobench.identification.estimators.least_squares import (
     square_jacobians,
 )
 from servobench.identification.estimators.near_bounds import intervals_near_bounds
-from servobench.identification.estimators.sizes import WEAK, sizes
+from servobench.identification.estimators.sizes import WEAK, friction_spread, sizes
 from servobench.identification.models.base import Structure
+from servobench.identification.models.level import single_level
 from servobench.recordings.measurement.dataset import Dataset
 
 SOURCE: Final = "choice of noise model"
@@ -66,13 +67,27 @@ def allow_for_misfit(fit: Fit) -> Fit:
         # With deviations scaled one by one, which would tear apart a gain and a friction that are known together.
         second = conservative(fit.covariance, second)
     reason = "weighted for a random torque, the same data give different values"
-    line = Contribution(source=SOURCE, covariance=beyond(second, fit.covariance), reason=reason)
+    line = Contribution(source=SOURCE, covariance=beyond(second, _without_noise_model(fit)), reason=reason)
     wider = fit.widen(line)
     return replace(
         wider,
         intervals=IntervalsOnDemand(partial(_near_bounds, fit, wider.covariance)),
         findings=(*fit.findings, _finding(fit, theta)),
     )
+
+
+def _without_noise_model(fit: Fit) -> Array:
+    """The covariance (P, P) of the fit itself, by white noise where gain and friction are known together only.
+
+    Either may be of any size there, and the rounding of its variance is more than what is known (see `with_weak_priors`).
+    """
+    data = tuple(record.data for record in fit.records)
+    if single_level(data) is None and not friction_spread(fit) > WEAK:
+        return fit.covariance
+    minimum, variance, shared = _minimum(fit), fit.residual_sd**2, len(fit.model.theta)
+    layout = Layout(fit.model.structure, data)
+    h = information(layout, square_jacobians(layout, minimum.predictions))
+    return variance * inverse(h + np.diag(variance / (WEAK * sizes(fit)) ** 2))[:shared, :shared]
 
 
 def _near_bounds(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:

@@ -92,7 +92,7 @@ def try_rung(
             term=term, plain=plain, fit=fit, doubt="the shaft turns by more than half a turn from row to row"
         )
     try:
-        starts = (_embed(plain, structure, data), *structure.guesses(data))
+        starts = (embed(plain, structure, data), *structure.guesses(data))
         # The valley of two factors goes on for long, and hardly down.
         worth = _LITTLE * _one_unit(plain) if term == "stribeck" else 0.0
         nearest = lowest(structure, data, starts, worth=worth)
@@ -251,8 +251,8 @@ def amount(term: str, fit: Fit) -> tuple[float, float]:
     return value, float(np.sqrt(max(variance, 0.0)))
 
 
-def _embed(plain: Fit, structure: Structure, data: Sequence[Dataset]) -> Array:
-    """The simpler fit as a start vector of a richer structure, with a little of what is new."""
+def embed(plain: Fit, structure: Structure, data: Sequence[Dataset]) -> Array:
+    """Return the simpler fit as a start vector of a richer structure, with a little of what is new."""
     value = dict(zip(plain.model.names, plain.model.theta, strict=True))
     coulomb, offset = value.get("coulomb_voltage", 0.0), value.get("offset_voltage", 0.0)
     top = max(float(np.abs(smooth_speed(record)).max()) for record in data)
