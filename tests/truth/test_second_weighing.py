@@ -93,3 +93,24 @@ def test_a_right_model_is_found_again_by_the_second_weighing(noise: float) -> No
 def test_a_filter_remembers_for_as_long_as_it_was_set_to(kind: Kind) -> None:
     noise = Disturbance.from_memory(0.01, tau=0.1, kind=kind, sample_time=0.002)
     assert noise.memory(kind, 0.002) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_what_one_level_tells_is_as_sure_wherever_in_the_valley_a_search_ends(seed: int) -> None:
+    """Any gain with its own friction makes the same motion; the speed that both make is what the data know.
+
+    The position of a motor that gets 4 V, with a ripple of 2 mrad that neither noise model explains. The spread of the speed is a
+    function of the motion alone, so that it differs by what the search leaves open, a part in a thousand of itself.
+    """
+    step = dataset(seed=seed, samples=600, sample_time=0.001, u=np.repeat([0.0, 4.0], [250, 350]))
+    rippled = replace(step, y=step.y + 2e-3 * np.sin(40.0 * step.t_output), quantum=None)
+    structure, spreads = STRUCTURES["first_order_one_way_rest"], []
+    for lost in (0.0, 0.5, 1.5):
+        start = np.concatenate([[80.0 / (4.0 - lost), 0.1, lost, 0.001], structure.guesses([rippled])[0][4:]])
+        line = (
+            fit := allow_for_misfit(ESTIMATORS["output_error"].fit(structure, [rippled], [start]))
+        ).budget[-1]
+        slope = np.array([4.0 - fit.model["coulomb_voltage"], 0.0, -fit.model["gain"], 0.0])
+        spreads.append(float(np.sqrt(slope @ line.covariance @ slope)))
+
+    assert spreads == pytest.approx([spreads[0]] * 3, rel=1e-3)
