@@ -106,7 +106,7 @@ def test_what_one_level_tells_is_as_sure_wherever_in_the_valley_a_search_ends(se
     rippled = replace(step, y=step.y + 2e-3 * np.sin(40.0 * step.t_output), quantum=None)
     structure, spreads = STRUCTURES["first_order_one_way_rest"], []
     for lost in (0.0, 0.5, 1.5):
-        start = np.concatenate([[80.0 / (4.0 - lost), 0.1, lost, 0.001], structure.guesses([rippled])[0][4:]])
+        start = np.array([80.0 / (4.0 - lost), 0.1, lost, 0.001, 0.0, 0.0])
         line = (
             fit := allow_for_misfit(ESTIMATORS["output_error"].fit(structure, [rippled], [start]))
         ).budget[-1]
