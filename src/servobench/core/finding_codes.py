@@ -145,6 +145,8 @@ _TABLE = (
         "Check the counts per revolution, the units and the gear."),
     FindingCode("fast-pole", "The residual calls for a second, fast pole.", "Use a second-order structure."),
     FindingCode("faults-injected", "Faults were injected on purpose."),
+    FindingCode("feedback-unnamed", "A controller computed the input from the output, and no reference is named.",
+        "Name the reference, or record without the controller.", Role.CAUSE),
     FindingCode("few-runs", "There are too few runs to judge their scatter.", "Record ten runs."),
     FindingCode("first-row-other-test", "The first row belongs to the test before and is left out."),
     FindingCode("fit-by-chance", "The input explains the output no better than the same levels in another order.",

@@ -211,9 +211,23 @@ def _speed_at(levels: tuple[float, ...], size: bool) -> Fit:
     return fitted(replace(data, y=y, applied=type(data.applied)(), quantum=None))
 
 
+@cache
+def _in_a_loop(gain: float, late: int) -> Fit:
+    """A speed of 60 rad/s with noise under a proportional controller [V s/rad], which takes it from so many rows before."""
+    random, speeds = np.random.default_rng(3), np.zeros(1000)
+    u, speed, keep = np.zeros(1000), 60.0, np.exp(-0.002 / 0.1)
+    for n in range(1000):
+        speeds[n] = speed + random.normal(0.0, 2.0)
+        u[n] = 3.0 + gain * (60.0 - speeds[max(n - late, 0)])
+        speed = keep * speed + (1.0 - keep) * 20.0 * u[n]
+    data = dataset(seed=1, samples=1000, u=u, y=speeds)
+    return fitted(replace(data, kind="speed", output_unit="rad/s", quantum=None), "first_order_one_way")
+
+
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
     _example("delay-rare", lambda: _late(0.1), lambda: _late(0.0)),
+    _example("feedback-unnamed", lambda: _in_a_loop(0.3, 0), lambda: _in_a_loop(0.3, 3)),
     _example("fit-by-chance", _of_another_motor),
     _example("fit-poor", _of_another_motor),
     _example("friction-and-offset-together", lambda: _one_way(0.0)),

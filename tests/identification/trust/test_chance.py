@@ -83,3 +83,17 @@ def test_an_input_that_acts_before_its_row_is_written_is_no_chance() -> None:
     )
 
     assert "fit-by-chance" not in [finding.code for finding in result.findings]
+
+
+def test_a_motor_with_much_friction_that_is_explained_is_no_chance() -> None:
+    """A slow swing of the voltage, half of which friction takes: no motor without friction explains it, in any order."""
+    t = 0.015 * np.arange(110)
+    random = np.random.default_rng(4)
+    u = 1.2 * np.sin(2 * np.pi * 0.45 * t) + 0.15 * random.standard_normal(len(t))
+    speed = march(Truth(coulomb_torque=4.5e-3), u, 0.015)[:, 1]
+    noisy = speed + 0.15 * np.std(speed) * random.standard_normal(len(speed))
+    result = sb.identify(t=t, u=u, y=noisy, input_unit="V", output_unit="rad/s", chain="none")
+
+    assert result.fit is not None
+    assert 50 < result.fit.fit_percent < 90
+    assert "fit-by-chance" not in [finding.code for finding in result.findings]

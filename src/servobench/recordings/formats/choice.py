@@ -298,7 +298,9 @@ def about_other_roles(
     unused = [each.channel.name for each in recording.series if has_numbers(each)]
     unused = [name for name in unused if name not in used]
     findings = []
-    if is_reference(driven.channel.name) and quantity_of(driven.channel.unit) not in {"position", "speed"}:
+    # An input in rad or m/s is doubted by its unit.
+    of_shaft = quantity_of(driven.channel.unit) in {"position", "speed"} and not _is_in_counts(driven)
+    if is_reference(driven.channel.name) and not of_shaft:
         sentence = (
             f"The input `{driven.channel.name}` is, by its name, what a loop follows. If it is, the model describes the whole "
             "loop, controller included, not the motor: name the column of the voltage or the duty as the input."
@@ -321,6 +323,10 @@ def about_other_roles(
         )
         findings.append(info("supply-possible", sentence, parameters=("gain", "time_constant")))
     return findings
+
+
+def _is_in_counts(series: Series) -> bool:
+    return unit(series.channel.unit or "").si in {"counts", "counts/s"}
 
 
 def is_reference(name: str) -> bool:

@@ -8,6 +8,7 @@ from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.feedback import answers_to_output
 
 _SURE = 4.0  # standard errors: one in 15,000 records by chance
 _PART = 0.1  # of the residual's square: less isn't what limits the result
@@ -23,7 +24,11 @@ def _about_fit(fit: Fit) -> list[Finding]:
     two rows, and some of the answers to it are in the row before the one that shows it.
     """
     sense = np.sign(fit.model["gain"]) if "gain" in fit.model.names else 0.0
-    late = [record for record in fit.records if not record.data.closed_loop and _is_ahead(record, sense)]
+    late = [
+        record
+        for record in fit.records
+        if not (record.data.closed_loop or answers_to_output(record.data)) and _is_ahead(record, sense)
+    ]
     if not late:
         return []
     step = with_unit(late[0].data.sample_time, "s", 2)
