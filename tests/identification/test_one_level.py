@@ -10,9 +10,12 @@ import pytest
 
 from servobench.core.finding import Verdict
 from servobench.identification.identify import identify
+from servobench.identification.trust.doubts.single_level import widen_for_gain_friction_split
 from servobench.identification.uncertainty.identifiability import State
+from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.report.mathml import transfer_function_math
+from tests.contracts.finding_examples.base import fitted, with_sd, with_values
 from tests.datasets import QUANTUM, dataset
 from tests.rig.motor.reference import Truth, march
 from tests.truth.test_intervals import answers
@@ -196,3 +199,21 @@ def test_two_levels_in_one_direction_and_one_in_the_other_tell_gain_and_friction
         assert result.answers[name].state is State.KNOWN
         low, high = result.answers[name].estimate.interval
         assert low < value < high
+
+
+@pytest.mark.parametrize(
+    ("levels", "chain_known", "sd"),
+    [((0.0, 5.0, 0.0), False, 0.1), ((0.0, 5.0, 0.0), True, 0.01), ((0.0, 5.0, 3.0), False, 0.01)],
+)
+def test_a_coast_behind_an_unknown_sensor_tells_no_friction(
+    levels: tuple[float, ...], chain_known: bool, sd: float
+) -> None:
+    """A filter's output goes on to zero where friction has stopped the shaft, and looks like a motor without any."""
+    data = dataset(seed=1, samples=1500, u=np.repeat(levels, 500), chain="derivative")
+    speed = replace(data, applied=Chain(), quantum=None, chain_known=chain_known)
+    fit = with_values(fitted(speed, "first_order_one_way"), coulomb_voltage=0.0)
+    fit = with_sd(fit, gain=0.01 * fit.model["gain"], coulomb_voltage=0.05)
+
+    wider = widen_for_gain_friction_split(fit)
+
+    assert wider.sd("gain") == pytest.approx(sd * fit.model["gain"])

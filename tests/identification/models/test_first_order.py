@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servobench.core.errors import NotIdentifiable
+from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.estimators.least_squares import lowest
 from servobench.identification.models import kernels
 from servobench.identification.models.base import STRUCTURES
@@ -276,3 +277,23 @@ def test_before_the_first_sample_all_inputs_have_acted_that_came_a_delay_earlier
     inputs = 0.01 * np.arange(3), np.array([1.0, 2.0, 3.0])
 
     assert kernels.first_input(*inputs, 9.0, 0.02, t) == first
+
+
+@pytest.mark.parametrize("late", [0, 1])
+@pytest.mark.parametrize(("inertia", "pulse"), [(5e-6, 20), (1e-5, 8), (1e-5, 10)])
+def test_rows_as_far_apart_as_a_time_constant_that_have_answered_to_their_own_input_are_explained(
+    inertia: float, pulse: int, late: int
+) -> None:
+    """Pulses whose speed over each 50 ms is written at their end, beside the input of that time or of the one before.
+
+    The motor's time constant is a half or all of that time. The encoder's rounding leaves less than 1 % of the speed.
+    """
+    acted = np.resize(np.repeat([0.0, 3.0], pulse), 160)
+    turned = dataset(
+        seed=2, samples=4001, u=np.append(np.repeat(acted, 25), 0.0), truth=Truth(inertia=inertia)
+    )
+    t, speed = 0.05 * np.arange(1, 161), np.diff(turned.y[::25]) / 0.05
+    log = dataset(seed=1, samples=160, sample_time=0.05, u=np.roll(acted, late), y=speed)
+    log = replace(log, t_input=t, t_output=t, kind="speed", output_unit="rad/s", quantum=None)
+
+    assert ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way_rest"], [log]).fit_percent > 99

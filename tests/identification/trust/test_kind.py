@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from servobench.core.finding import Verdict
 from servobench.identification.identify import identify
 from servobench.identification.result import Result
+from servobench.identification.trust.doubts.kind import _goes_on_at_every_level
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
@@ -171,3 +172,14 @@ def test_three_rows_of_a_period_are_neither_kind() -> None:
     assert told(result) == []
     assert "period-short" in {finding.code for finding in result.findings}
     assert result.verdict is not Verdict.TRUSTED
+
+
+def test_a_position_goes_on_at_every_level_and_a_speed_settles() -> None:
+    """A staircase of a motor whose supply gives way: its way bends as a slow speed does, but it goes on under each level."""
+    speeds = np.repeat([0.0, 2000.0, 3600.0, 4800.0, 5400.0, 5700.0, 5900.0, 6000.0], 25)
+    u = np.repeat(np.arange(8.0) * 1.5, 25)
+    log = dataset(seed=1, samples=200, sample_time=0.2, u=u, y=np.floor(np.cumsum(0.2 * speeds)))
+    settling = replace(log, y=np.repeat(speeds[::25], 25) - 900.0 * np.tile(np.exp(-np.arange(25) / 4.0), 8))
+
+    assert _goes_on_at_every_level(log)
+    assert not _goes_on_at_every_level(settling)

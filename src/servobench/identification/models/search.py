@@ -32,6 +32,7 @@ from servobench.recordings.measurement.dataset import Dataset
 _ROWS = 240  # a guess needs no more samples of a record than this
 _TAUS = 24
 _DELAYS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0])  # in sample times
+_EARLY = np.array([-1.5, -0.5])  # samples: a row or two that are written late
 _PARTS = np.array([-0.5, -0.25, 0.25, 0.5])  # of a step of the grid of τ
 _LOWER = 1.0 - 1e-6  # times: under one level any width explains as much, and rounding must not decide
 _WIDTHS = np.linspace(
@@ -121,7 +122,8 @@ def separable_guesses(structure: Separable, data: Sequence[Dataset]) -> list[tup
 def guess_with_delay(structure: Separable, data: Sequence[Dataset], lowest: float) -> list[Array]:
     """Return the best guess of a grid over τ and d, where that without a delay (at a cost `lowest`) leaves much and this less.
 
-    Where an input changes within a time constant, a motor that lags by a period less lies in a valley without a delay.
+    Where an input changes within a time constant, a motor that lags by a period less lies in a valley without a delay. Where the
+    rows are as far apart as a time constant, one that has answered to the input of its own row lies in a valley of its own.
     """
     if lowest <= _NEARLY_ALL * sum(_variation(record.y) for record in data):
         return []
@@ -130,7 +132,7 @@ def guess_with_delay(structure: Separable, data: Sequence[Dataset], lowest: floa
     trials = _trials(structure, records, _with_delays(points, step))
     best = trials.one(int(np.argmin(trials.costs)))
     late = _refine(structure, records, best, step, points[1, 0] / points[0, 0])
-    return [_vector(structure, records, late, 0.0)] if late.cost < lowest else []
+    return [_vector(structure, records, late, _EARLY[0] * step)] if late.cost < lowest else []
 
 
 def _search(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Record], list[_Trial]]:
@@ -154,9 +156,12 @@ def _variation(y: Array) -> float:
 
 
 def _with_delays(points: Array, step: float) -> Array:
-    """Each τ with all of the delays but none, (T D, 2), so that those of one τ share its exponentials; `step` [s] is a sample."""
+    """Each τ with all of the delays but none, (T D, 2), so that those of one τ share its exponentials; `step` [s] is a sample.
+
+    Of rows that are written after their input acted the delay is below zero.
+    """
     taus = points[:, 0]
-    delays = step * _DELAYS[1:]
+    delays = step * np.append(_EARLY, _DELAYS[1:])
     return np.column_stack([np.repeat(taus, len(delays)), np.tile(delays, len(taus))])
 
 

@@ -31,6 +31,9 @@ _STAYS = 0.05  # of the farthest way in such a time
 _SLOWER = 0.5  # of what it went in an earlier quarter: a load takes less of a position's speed
 _FALL = 0.5  # of the largest input so far: a speed shows it
 _STOOD = 3  # samples that show a rest
+_SHORT = 12  # samples under one input that show whether it goes on
+_LEVELS = 3
+_GOES = 0.7  # of the pace in the second quarter: a speed that settles has lost e^(-2) of it where it would seem to go on
 _FEW_LOW = 3  # samples of such an input
 _CLEAR = 3.0  # times the noise, by which a position goes on meanwhile
 _ENOUGH = 5000  # samples to tell the two kinds apart
@@ -59,8 +62,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []  # a proportional controller's law, which explains the output as well as a speed would be
     if data.kind == "speed" and (_comes_to_rest(data) or _slows_down(data)):
         return []  # a position would go on, and as fast as before
-    if data.kind == "position" and _goes_on(data):
-        return []  # a speed would fall with its input
+    if data.kind == "position" and (_goes_on(data) or _goes_on_at_every_level(data)):
+        return []  # a speed would fall with its input, and settle
     same, other = _enough_of(data), _with_other_kind(data)
     wanted = max(_NEARLY_ALL, 100 - _LEFT * (100 - fit.fit_percent))
     explained = _percent_explained(other, wanted)
@@ -148,6 +151,22 @@ def _goes_on(data: Dataset) -> bool:
     low = drive < (1.0 - _FALL) * np.maximum.accumulate(drive)
     went = np.diff(way, prepend=way[:1])[low]
     return bool(np.count_nonzero(low) >= _FEW_LOW and float(went.sum()) > _CLEAR * data.noise)
+
+
+def _goes_on_at_every_level(data: Dataset) -> bool:
+    """Whether the output goes on in the last quarter of the time under each of several inputs, hardly more slowly than before."""
+    ends = []
+    for first, end in zip(*stretches_of_input(data), strict=True):
+        if (
+            end - first >= _SHORT
+            and data.input_at_output[first] != 0
+            and (parts := quarters(data, first, end))
+        ):
+            way = np.array([data.y[part][-1] - data.y[part][0] for part in parts]) / np.array(
+                [p.stop - p.start - 1 for p in parts]
+            )
+            ends.append(way[-1] / way[1] if way[1] else 0.0)
+    return len(ends) >= _LEVELS and min(ends) > _GOES
 
 
 def _way_out(data: Dataset) -> str:
