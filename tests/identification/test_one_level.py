@@ -201,19 +201,20 @@ def test_two_levels_in_one_direction_and_one_in_the_other_tell_gain_and_friction
         assert low < value < high
 
 
+COAST, STAIRS = (0.0, 5.0, 0.0), (0.0, 5.0, 3.0)
+
+
 @pytest.mark.parametrize(
-    ("levels", "chain_known", "sd"),
-    [((0.0, 5.0, 0.0), False, 0.1), ((0.0, 5.0, 0.0), True, 0.01), ((0.0, 5.0, 3.0), False, 0.01)],
+    ("levels", "known", "sd"), [(COAST, False, 0.1), (COAST, True, 0.01), (STAIRS, False, 0.01)]
 )
 def test_a_coast_behind_an_unknown_sensor_tells_no_friction(
-    levels: tuple[float, ...], chain_known: bool, sd: float
+    levels: tuple[float, ...], known: bool, sd: float
 ) -> None:
     """A filter's output goes on to zero where friction has stopped the shaft, and looks like a motor without any."""
     data = dataset(seed=1, samples=1500, u=np.repeat(levels, 500), chain="derivative")
-    speed = replace(data, applied=Chain(), quantum=None, chain_known=chain_known)
-    fit = with_values(fitted(speed, "first_order_one_way"), coulomb_voltage=0.0)
-    fit = with_sd(fit, gain=0.01 * fit.model["gain"], coulomb_voltage=0.05)
+    speed = replace(data, applied=Chain(), quantum=None, chain_known=known)
+    plain = with_values(fitted(speed, "first_order_one_way"), coulomb_voltage=0.02)
 
-    wider = widen_for_gain_friction_split(fit)
+    wider = widen_for_gain_friction_split(with_sd(plain, gain=0.01, coulomb_voltage=2.0))
 
-    assert wider.sd("gain") == pytest.approx(sd * fit.model["gain"])
+    assert wider.sd("gain") == pytest.approx(sd * plain.model["gain"])
