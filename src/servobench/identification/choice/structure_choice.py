@@ -12,12 +12,13 @@ Then the tests examine the new residual, until they propose nothing, or nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import change_text, plain
@@ -39,8 +40,10 @@ from servobench.identification.choice.structure_ladder.trial import (
 )
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import is_usual
+from servobench.identification.estimators.least_squares import lowest
 from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
+from servobench.identification.models.common_parameters import TIME_CONSTANT
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
 from servobench.identification.models.level import few_levels, single_level
 from servobench.identification.models.motion import smooth_speed, stands, turns_both_ways
@@ -61,6 +64,7 @@ _REST = "rest-found"
 _STICKS = "first_order_coulomb_stribeck"
 _BREAKS_AWAY = 0.5  # of the residual without: what is left where the shaft breaks away
 _SLOW = 0.05  # of a ramp's time: a longer lag bends it
+_FEW = 400  # samples, of which a search for that takes a tenth of a second
 _GRADUAL = 0.05  # of all of a ramp, from sample to sample
 _ONE_WAY = 0.9  # of the input's changes
 _A_FEW = 0.02  # of the samples
@@ -339,25 +343,25 @@ def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> 
     A shaft that breaks away at a larger input than one friction allows has a speed at once. A long lag instead would do the same
     to the beginning of a ramp.
     """
-    if is_rounding(base.fit) or not all(map(_ramps, data)):
-        return base
     structure = STRUCTURES[_STICKS]
-    if method.supports(structure, data) is not None:
+    if is_rounding(base.fit) or not all(map(_ramps, data)) or method.supports(structure, data) is not None:
         return base
+    some = [_thin(record) for record in data]
+    left = sum(float(np.sum(each.residual[:: _spacing(each.data)] ** 2)) for each in base.fit.records)
+    slow = _SLOW * max(record.duration for record in data)
+
+    def breaks_away(cost: float, lag: float) -> bool:
+        return cost < _BREAKS_AWAY**2 * left and lag < slow
+
     try:
         # On a ramp an offset and a delay of any size do the same: a usual delay is tried first.
-        starts = (embed(base.fit, structure, data), *structure.guesses(data))
-        sticks = next(
-            (
-                each
-                for start in starts
-                if _breaks_away(each := method.fit(structure, data, (start,)), base.fit, data)
-            ),
-            None,
-        )
+        minima = (lowest(structure, some, (start,)) for start in _starts(base.fit, structure, data))
+        at = structure.parameters.index(TIME_CONSTANT)
+        nearest = next((each for each in minima if breaks_away(each.cost, each.theta[at])), None)
+        sticks = None if nearest is None else method.fit(structure, data, (nearest.theta,))
     except NotIdentifiable:
         return base
-    if sticks is None:
+    if sticks is None or sticks.residual_sd > _BREAKS_AWAY * base.fit.residual_sd:
         return base
     sentence = (
         "The shaft breaks away at a larger input than keeps it turning, so the model has friction that falls with the speed "
@@ -368,10 +372,20 @@ def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> 
     return _Base(fit=sticks, findings=(*base.findings, finding), fits={**base.fits, sticks.structure: sticks})
 
 
-def _breaks_away(sticks: Fit, slides: Fit, data: Sequence[Dataset]) -> bool:
-    """Whether a fit with more friction near standstill explains far more than one without, by no lag that is as good."""
-    lags = sticks.model["time_constant"] > _SLOW * max(record.duration for record in data)
-    return sticks.residual_sd < _BREAKS_AWAY * slides.residual_sd and not lags
+def _starts(slides: Fit, structure: Structure, data: Sequence[Dataset]) -> Iterator[Array]:
+    yield embed(slides, structure, data)
+    yield from structure.guesses(data)
+
+
+def _spacing(record: Dataset) -> int:
+    """The samples from one to the next of those that show how a ramp sets off."""
+    return max(len(record.y) // _FEW, 1)
+
+
+def _thin(record: Dataset) -> Dataset:
+    """A record with some of its outputs."""
+    rows = slice(None, None, _spacing(record))
+    return replace(record, t_output=record.t_output[rows], y=record.y[rows], current=None, rows=None)
 
 
 def _ramps(record: Dataset) -> bool:
