@@ -355,7 +355,7 @@ def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> 
 
     try:
         # On a ramp an offset and a delay of any size do the same: a usual delay is tried first.
-        minima = (lowest(structure, some, (start,)) for start in _starts(base.fit, structure, data))
+        minima = (lowest(structure, some, (start,)) for start in _starts(base.fit, structure, some))
         at = structure.parameters.index(TIME_CONSTANT)
         nearest = next((each for each in minima if breaks_away(each.cost, each.theta[at])), None)
         sticks = None if nearest is None else method.fit(structure, data, (nearest.theta,))
