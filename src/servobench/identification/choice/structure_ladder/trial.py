@@ -252,7 +252,7 @@ def amount(term: str, fit: Fit) -> tuple[float, float]:
 
 
 def embed(plain: Fit, structure: Structure, data: Sequence[Dataset]) -> Array:
-    """Return the simpler fit as a start vector of a richer structure, with a little of what is new."""
+    """Return the simpler fit as a start vector (P + ΣQ,) of a richer structure, with a little of what is new."""
     value = dict(zip(plain.model.names, plain.model.theta, strict=True))
     coulomb, offset = value.get("coulomb_voltage", 0.0), value.get("offset_voltage", 0.0)
     top = max(float(np.abs(smooth_speed(record)).max()) for record in data)
