@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import servobench as sb
+from servobench.core.finding import Verdict
 from tests.datasets import dataset
 
 GAIN, TIME_CONSTANT, STEP = 20.0, 0.1, 0.002  # rad/(s·V), s, s
@@ -60,3 +61,13 @@ def test_the_steps_of_an_encoder_on_a_long_way_are_no_rounding_of_arithmetic() -
 
     assert "output-computed" in codes[0]
     assert "output-computed" not in codes[1]
+
+
+def test_as_many_values_as_parameters_are_no_proof_of_a_computer() -> None:
+    """A rest of two seconds and four rows of a start: gain, time constant, delay and offset explain any of them."""
+    u, y = np.where(np.arange(204) < 200, 0.0, 12.0), np.zeros(204)
+    y[201:] = 0.687, 2.906, 4.732
+    result = sb.identify(t=0.01 * np.arange(204), u=u, y=y, input_unit="V", output_unit="rad/s")
+
+    assert "output-computed" not in {finding.code for finding in result.findings}
+    assert result.verdict is not Verdict.TRUSTED

@@ -75,6 +75,27 @@ def test_friction_that_falls_with_the_speed_is_found_with_its_size() -> None:
     )
 
 
+def test_friction_that_falls_is_found_of_a_motor_that_turns_the_other_way_and_where_it_is_asked_for() -> None:
+    record = odd_record(
+        OddMotor(stribeck=0.08, stribeck_speed=2.0, delay=0.001), 1, samples=2500, u=levels(1)
+    )
+    mirrored = replace(record, y=-record.y)
+
+    result = identify(mirrored)
+    requested = identify(mirrored, structure="first_order_coulomb_stribeck")
+
+    assert codes(result) & RUNGS == {"stribeck-found"}
+    for each in (result, requested):
+        check(
+            each,
+            gain=-23.8,
+            time_constant=0.1,
+            coulomb_voltage=0.16,
+            stribeck_voltage=0.08,
+            stribeck_speed=2.0,
+        )
+
+
 @pytest.mark.parametrize("size", [0.02, 0.4])
 def test_gravity_is_found_whether_small_or_so_large_that_the_simpler_model_loses_the_angle(
     size: float,

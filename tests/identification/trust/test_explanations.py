@@ -11,6 +11,7 @@ import pytest
 
 from servobench.core.finding import Severity
 from servobench.identification.models.motion import turns_between_rows
+from servobench.identification.trust.explanations import clocks
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case, Causes, explain
 from servobench.identification.trust.explanations.equation import motion
 from servobench.identification.trust.explanations.gain_falls import _is_faster_beyond
@@ -390,3 +391,14 @@ def test_of_rows_half_a_turn_apart_no_weight_is_told(turns: float, happens_betwe
 
     assert turns_between_rows([dataset(seed=1, samples=400, y=angle)]) is happens_between
     assert not turns_between_rows([replace(dataset(seed=1, samples=400, y=angle), output_unit="m")])
+
+
+def test_an_input_without_any_part_in_the_motion_is_shifted_by_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is left of a shift is a column's coefficient over the gain's, which may be zero."""
+    case = Case(tuple(filter(None, [motion(sound())])))
+    without = replace(case.plain, coefficients=np.zeros_like(case.plain.coefficients))
+    monkeypatch.setattr(clocks, "_shift_inputs", lambda *_: (0.5, without))
+
+    assert clocks._constant_shift(case) is None

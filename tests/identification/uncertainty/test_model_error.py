@@ -12,7 +12,13 @@ from servobench.identification.estimators.residual_correlation import TIED, inpu
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.uncertainty.experience import FEW_EVENTS, ONE_LEVEL, SEVERAL_EVENTS
-from servobench.identification.uncertainty.model_error import SOURCE, model_error, with_model_error
+from servobench.identification.uncertainty.model_error import (
+    SOURCE,
+    _driven_time,
+    _of_short_records,
+    model_error,
+    with_model_error,
+)
 from servobench.identification.uncertainty.weak_priors import with_weak_priors
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset, square
@@ -241,6 +247,21 @@ def test_a_speed_that_a_step_hasn_t_reached_yet_is_as_uncertain_as_its_time_cons
 
     low, high = result.to_dict()["combinations"]["speed_at_level"]["interval"]
     assert low < 60.0 < high
+
+
+def test_a_rest_before_a_start_tells_nothing_of_where_it_leads() -> None:
+    """An allowance for the bend of a short start is as large with two seconds of rest before as without."""
+    starts = [
+        dataset(seed=1, samples=rest + 40, u=np.repeat([0.0, 3.0], [rest, 40])).part(0.002 * (rest - 2), 9.0)
+        if cut
+        else dataset(seed=1, samples=rest + 40, u=np.repeat([0.0, 3.0], [rest, 40]))
+        for rest, cut in ((1000, False), (1000, True))
+    ]
+    short = [_of_short_records(fitted(each, "first_order_one_way"), 0.1) for each in starts]
+
+    assert [_driven_time(each) for each in starts] == pytest.approx([0.076] * 2)
+    # (1.5 τ/T)⁴ of the variance of a whole step.
+    assert [each[1, 1] for each in short] == pytest.approx([(0.15 / 0.076) ** 4 - 1.0] * 2)
 
 
 @pytest.mark.parametrize("other", [-3.0, -2.88])

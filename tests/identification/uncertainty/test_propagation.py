@@ -24,6 +24,7 @@ from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES, Model
 from servobench.identification.uncertainty.one_lag import lag_covariance
 from servobench.identification.uncertainty.propagation import (
+    _attempts,
     continuous_loop_margins,
     derive,
     deviation,
@@ -481,3 +482,12 @@ def test_95_percent_intervals_cover(runs: int, fewest: int) -> None:
     each = [covers(seed) for seed in range(runs)]
     covered = {name: sum(one[name] for one in each) for name in each[0]}
     assert min(covered.values()) >= fewest, covered
+
+
+def test_no_draw_at_all_gives_no_value() -> None:
+    """Halving what is none has no end."""
+
+    def refuse(models: Sequence[Model]) -> Array:
+        raise ValueError(models)
+
+    assert _attempts(refuse, fit().model, np.empty((0, 4)), np.zeros(2)).shape == (0, 2)

@@ -21,6 +21,7 @@ from servobench.recordings.measurement.dataset import Dataset
 # Of the output's variation: a thousand times what arithmetic with 53 bits leaves after 10⁴ steps, and a thousandth of the finest
 # encoder's step in a run of one turn.
 _ROUNDING = 1e-9
+_MANY = 3  # changes of the output for each parameter: as many values as parameters are explained to any digit
 
 
 def fit_to_computed(method: Estimator, data: Sequence[Dataset], fit: Fit) -> Fit | None:
@@ -28,7 +29,7 @@ def fit_to_computed(method: Estimator, data: Sequence[Dataset], fit: Fit) -> Fit
 
     `fit` is a fit of a structure that has first_order in it: where it leaves more than rounding, so does that.
     """
-    if not _is_rounding(fit):
+    if not _is_rounding(fit) or sum(_changes(record) for record in data) < _MANY * len(fit.vector):
         return None
     try:
         linear = fit_structure(method, STRUCTURES["first_order"], data)
@@ -43,6 +44,11 @@ def fit_to_computed(method: Estimator, data: Sequence[Dataset], fit: Fit) -> Fit
     spread = np.array([_ROUNDING * sizes.get(name, abs(linear.model[name])) for name in linear.model.names])
     reason = "the arithmetic that computed the output keeps only so many digits"
     return linear.widen(Contribution(source="arithmetic", covariance=np.diag(spread**2), reason=reason))
+
+
+def _changes(record: Dataset) -> int:
+    """The samples in which the output is another one than in the sample before: a rest is explained by anything."""
+    return int(np.count_nonzero(np.diff(record.y)))
 
 
 def about_computed() -> Finding:

@@ -47,6 +47,7 @@ from servobench.identification.models.common_parameters import TIME_CONSTANT
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
 from servobench.identification.models.level import few_levels, single_level
 from servobench.identification.models.motion import smooth_speed, stands, turns_both_ways
+from servobench.identification.models.nonlinear.structure import NonlinearMotor
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from servobench.identification.trust.doubts.spikes import had_spikes
@@ -142,7 +143,7 @@ def choose_structure(
     """
     if structure != "auto":
         _check_combination(method, STRUCTURES[structure], data, estimator)
-        simple = fit_structure(method, STRUCTURES[structure], data)
+        simple = _fit_requested(method, STRUCTURES[structure], data)
         fit = allow(simple)
         return Choice(
             fit=fit,
@@ -163,6 +164,17 @@ def choose_structure(
         )
     known = base.fits if method is ESTIMATORS["output_error"] else {}
     return _climb(method, data, base, Causes(tuple(data), known), allow)
+
+
+def _fit_requested(method: Estimator, structure: Structure, data: Sequence[Dataset]) -> Fit:
+    """The fit of a structure; of one with more terms than a plain motor's it begins with that as well, as auto comes to it."""
+    if not isinstance(structure, NonlinearMotor) or method.supports(structure, data) is not None:
+        return fit_structure(method, structure, data)
+    try:
+        plain = fit_structure(method, STRUCTURES["first_order_coulomb"], data)
+    except NotIdentifiable:
+        return fit_structure(method, structure, data)
+    return method.fit(structure, data, (embed(plain, structure, data), *structure.guesses(data)))
 
 
 def _check_combination(
@@ -543,7 +555,7 @@ def _asks(one: TermScore) -> bool:
     """
     if one.term.rung is None or one.size <= ASKED:
         return False
-    if one.term.rung in ("stribeck", "load") and one.amount[0] < 0:
+    if one.term.rung in ("stribeck", "load") and one.braking < 0:
         return False
     hint = one.term.rung != "winding" and one.moved > 1  # what a delay is made of is in the intervals already
     return one.size > one.term.limit or hint

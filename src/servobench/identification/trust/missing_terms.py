@@ -41,12 +41,12 @@ def _stribeck_sized(shown: TermScore) -> str:
     """Nothing of a model that has such a friction already: it has another course, and more or less of it says nothing."""
     if STRIBECK.name in shown.fit.model.names:
         return ""
-    return _of_input(shown, f"{'more' if shown.amount[0] > 0 else 'less'} at rest than at speed")
+    return _of_input(shown, f"{'more' if shown.braking > 0 else 'less'} at rest than at speed")
 
 
 def _drag_sized(shown: TermScore) -> str:
     return _of_input(
-        shown, (f"{'more' if shown.amount[0] > 0 else 'less'} at the largest speed than proportional drag")
+        shown, (f"{'more' if shown.braking > 0 else 'less'} at the largest speed than proportional drag")
     )
 
 

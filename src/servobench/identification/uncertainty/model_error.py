@@ -63,6 +63,7 @@ _BY_SHAPE = 0.5  # of the friction: the standard deviation of what a reversal's 
 _CHANGES = 0.2  # of the samples: an input that changes in more of them is held nowhere
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
 _BY_DIRECTION = 0.045  # of the gain, the standard deviation: what it differs by between the directions
+_WHOLE = 1.5  # time constants: a shorter beginning doesn't show how its speed bends
 _USUAL = 0.03  # of the largest input: the standard deviation of a friction that the model lacks
 
 
@@ -330,23 +331,31 @@ def _of_short_records(fit: Fit, lag: float) -> Array:
     After a time T under one input the speed is K (1 - e^(-x)), x = T/τ, of what it tends to, which is what a record shows of K:
     a model error that moves τ by a part of itself moves K by x e^(-x)/(1 - e^(-x)) of that, 1/6 of it after three time constants.
     Over a time T < τ the speed bends away from a straight line by T/2τ of itself, so that the part is (τ/T)² times as large as in
-    a whole step, and all of it goes with K: what is known is the slope K/τ.
+    a whole step, and all of it goes with K: what is known is the slope K/τ. What a motor lacks at its start, static friction or
+    a filter, makes as much of a bend, so that a step is whole after 1.5 τ.
     """
     names, theta = fit.model.names, fit.model.theta
     held = max(_longest_hold(record.data) for record in fit.records) / lag
-    longest = max(record.data.duration for record in fit.records)
+    longest = max(_driven_time(record.data) for record in fit.records)
     own = np.zeros(len(names))
     own[names.index("time_constant")] = 1.0
     with_gain = np.zeros(len(names))
     with_gain[names.index("gain")] = theta[names.index("gain")] / lag
     at_end, at_once = own + _share_to_come(held) * with_gain, own + with_gain
-    more = max(lag / longest, 1.0) ** 4 - 1.0
+    more = max(_WHOLE * lag / longest, 1.0) ** 4 - 1.0
     return np.outer(at_end, at_end) - np.outer(own, own) + more * np.outer(at_once, at_once)
 
 
 def _share_to_come(x: float) -> float:
     """x e^(-x)/(1 - e^(-x)), 1 at x = 0."""
     return float(-x * np.exp(-x) / np.expm1(-x)) if x > 0 else 1.0
+
+
+def _driven_time(data: Dataset) -> float:
+    """The time [s] from the first input that drives the motor to the end: a rest before shows nothing of what it leads to."""
+    u = data.input_at_output
+    driven = np.flatnonzero(np.abs(u) > _LEVEL * float(np.abs(u).max(initial=0.0)))
+    return float(data.t_output[-1] - data.t_output[driven[0]]) if len(driven) else data.duration
 
 
 def _longest_hold(data: Dataset) -> float:

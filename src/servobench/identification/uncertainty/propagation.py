@@ -358,8 +358,8 @@ def _attempts(function: OfEach, model: Model, thetas: Array, like: Array) -> Arr
         with np.errstate(all="ignore"):
             return np.asarray(function([replace(model, theta=theta) for theta in thetas]), dtype=np.float64)
     except (ArithmeticError, ValueError):
-        if len(thetas) == 1:
-            return np.full((1, *like.shape), np.nan)
+        if len(thetas) <= 1:
+            return np.full((len(thetas), *like.shape), np.nan)
         halves = np.array_split(thetas, 2)
         return np.concatenate([_attempts(function, model, half, like) for half in halves])
 

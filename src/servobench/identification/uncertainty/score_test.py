@@ -111,6 +111,13 @@ class TermScore:
     columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
+    def braking(self) -> float:
+        """The amount of a friction, above zero where it brakes: added to the input of a motor that turns the other way, its sign
+        is the other one."""
+        turned = "gain" in self.fit.model.names and self.fit.model["gain"] < 0
+        return float(-self.amount[0] if turned else self.amount[0])
+
+    @property
     def whole(self) -> tuple[float, float]:
         """The size of the amount, √(a'a), and the half of its 95 % interval."""
         size = float(np.linalg.norm(self.amount))

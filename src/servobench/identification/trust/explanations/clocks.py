@@ -69,7 +69,7 @@ def _constant_shift(case: Case) -> CauseFit | None:
     best, ahead = 1.0, 0.0
     for span in spans[spans < 0.1 * shortest].tolist():
         share, trial = _shift_inputs(case, span)
-        if share < best:
+        if share < best and trial.coefficients[1]:
             # What is left of the shift stands in the column of the input's derivative: K d.
             best, ahead = share, span - trial.coefficients[2] / trial.coefficients[1]
     if ahead < (_AHEAD - 1.5) * step:

@@ -38,7 +38,7 @@ def _gain_falls(case: Case) -> CauseFit | None:
         return None
     clipped, limit = min(tried, key=lambda each: each[0].misfit)
     bent, bend = min(((_with_bend(case, at), at) for _, at in tried), key=lambda each: each[0].misfit)
-    slope = float(bent.coefficients[-1] / bent.coefficients[1])
+    slope = float(bent.coefficients[-1] / (bent.coefficients[1] or 1.0))
     if not (bent.misfit < _LESS * clipped.misfit and _LEAST < slope < 1.0):
         bend, slope = limit, 0.0
     if slope == 0.0 and _is_faster_beyond(case, bend):

@@ -29,7 +29,7 @@ def _level(case: Case) -> CauseFit | None:
     if not tried:
         return None
     best_regression, level = min(tried, key=lambda each: each[0].misfit)
-    really = level + best_regression.coefficients[-1] / best_regression.coefficients[1]
+    really = level + best_regression.coefficients[-1] / (best_regression.coefficients[1] or 1.0)
     if really * level < 0.0 and abs(really + level) > _SAME * abs(level):
         return None  # no supply turns a level round, and of a wrong sign the size is right
     unit = case.motions[0].data.input_unit
