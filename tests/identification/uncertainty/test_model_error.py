@@ -14,8 +14,8 @@ from servobench.identification.models.base import STRUCTURES
 from servobench.identification.uncertainty.experience import FEW_EVENTS, ONE_LEVEL, SEVERAL_EVENTS
 from servobench.identification.uncertainty.model_error import (
     SOURCE,
-    _driven_time,
     _of_short_records,
+    _start,
     model_error,
     with_model_error,
 )
@@ -259,9 +259,9 @@ def test_a_rest_before_a_start_tells_nothing_of_where_it_leads() -> None:
     ]
     short = [_of_short_records(fitted(each, "first_order_one_way"), 0.1) for each in starts]
 
-    assert [_driven_time(each) for each in starts] == pytest.approx([0.076] * 2)
-    # (1.5 τ/T)⁴ of the variance of a whole step.
-    assert [each[1, 1] for each in short] == pytest.approx([(0.15 / 0.076) ** 4 - 1.0] * 2)
+    assert [_start(each) for each in starts] == pytest.approx([0.076 / 1.3] * 2)
+    # (1.3 τ/T)⁴ of the variance of a whole step.
+    assert [each[1, 1] for each in short] == pytest.approx([(0.13 / 0.076) ** 4 - 1.0] * 2)
 
 
 @pytest.mark.parametrize("other", [-3.0, -2.88])

@@ -63,7 +63,7 @@ _BY_SHAPE = 0.5  # of the friction: the standard deviation of what a reversal's 
 _CHANGES = 0.2  # of the samples: an input that changes in more of them is held nowhere
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
 _BY_DIRECTION = 0.045  # of the gain, the standard deviation: what it differs by between the directions
-_WHOLE = 1.5  # time constants: a shorter beginning doesn't show how its speed bends
+_WHOLE = 1.3  # time constants: a shorter beginning doesn't show how its speed bends
 _USUAL = 0.03  # of the largest input: the standard deviation of a friction that the model lacks
 
 
@@ -332,17 +332,17 @@ def _of_short_records(fit: Fit, lag: float) -> Array:
     a model error that moves τ by a part of itself moves K by x e^(-x)/(1 - e^(-x)) of that, 1/6 of it after three time constants.
     Over a time T < τ the speed bends away from a straight line by T/2τ of itself, so that the part is (τ/T)² times as large as in
     a whole step, and all of it goes with K: what is known is the slope K/τ. What a motor lacks at its start, static friction or
-    a filter, makes as much of a bend, so that a step is whole after 1.5 τ.
+    a filter, makes as much of a bend, so that a step is whole after 1.3 τ.
     """
     names, theta = fit.model.names, fit.model.theta
     held = max(_longest_hold(record.data) for record in fit.records) / lag
-    longest = max(_driven_time(record.data) for record in fit.records)
+    longest = max(_start(record.data) for record in fit.records)
     own = np.zeros(len(names))
     own[names.index("time_constant")] = 1.0
     with_gain = np.zeros(len(names))
     with_gain[names.index("gain")] = theta[names.index("gain")] / lag
     at_end, at_once = own + _share_to_come(held) * with_gain, own + with_gain
-    more = max(_WHOLE * lag / longest, 1.0) ** 4 - 1.0
+    more = max(lag / longest, 1.0) ** 4 - 1.0
     return np.outer(at_end, at_end) - np.outer(own, own) + more * np.outer(at_once, at_once)
 
 
@@ -351,11 +351,16 @@ def _share_to_come(x: float) -> float:
     return float(-x * np.exp(-x) / np.expm1(-x)) if x > 0 else 1.0
 
 
-def _driven_time(data: Dataset) -> float:
-    """The time [s] from the first input that drives the motor to the end: a rest before shows nothing of what it leads to."""
+def _start(data: Dataset) -> float:
+    """The time [s] for which a record shows what its first input leads to, over what it takes to show it.
+
+    A rest before tells nothing, and a start from one isn't whole at once. Where the input is on from the first row, nobody knows.
+    """
     u = data.input_at_output
     driven = np.flatnonzero(np.abs(u) > _LEVEL * float(np.abs(u).max(initial=0.0)))
-    return float(data.t_output[-1] - data.t_output[driven[0]]) if len(driven) else data.duration
+    if not len(driven) or (driven[0] == 0 and not data.starts_at_rest):
+        return data.duration
+    return float(data.t_output[-1] - data.t_output[driven[0]]) / _WHOLE
 
 
 def _longest_hold(data: Dataset) -> float:
