@@ -44,7 +44,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         explained = _ALL * min(_misfits_behind_lags(records, [0.0 * u for u in inputs]))
         if any(each < explained for each in _misfits(records, inputs)):
             return []
-    as_good = _as_good_orders(records, inputs, min(least_misfit(records, inputs), _left_by(fit)))
+    as_good = _as_good_orders(records, inputs, min(least_misfit(records, inputs), _remainder(fit)))
     if as_good < _AS_GOOD:
         return []
     speeds_tell = records[0].kind == "position" and (
@@ -61,7 +61,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     return [warning("fit-by-chance", sentence, parameters=("gain", "time_constant"))]
 
 
-def _left_by(fit: Fit) -> float:
+def _remainder(fit: Fit) -> float:
     """The same as `least_misfit` of what the fit itself leaves, which has friction and a delay besides."""
     shares = [
         float(

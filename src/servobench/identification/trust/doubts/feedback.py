@@ -24,15 +24,20 @@ def answers_to_output(data: Dataset) -> bool:
     inputs, speeds = np.diff(u[begun:]), np.diff(data.y[begun:])
     if np.count_nonzero(inputs) < _FEWEST or not speeds.any():
         return False
-    sense = np.sign(float(u @ data.y))  # a motor turns where it is driven, on the whole
-    return bool(sense * np.corrcoef(inputs, speeds)[0, 1] < _AGAINST)
+    return bool(_sense(data) * np.corrcoef(inputs, speeds)[0, 1] < _AGAINST)
+
+
+def _sense(data: Dataset) -> float:
+    """The sense in which a positive input turns the motor: it turns where it is driven, on the whole."""
+    return float(np.sign(row_by_row(data)[0] @ data.y))
 
 
 def _about(fit: Fit) -> list[Finding]:
     records = [record.data for record in fit.records]
-    if fit.fit_percent >= _WELL or any(data.closed_loop for data in records):
+    if any(data.closed_loop for data in records) or not any(map(answers_to_output, records)):
         return []
-    if not any(map(answers_to_output, records)):
+    is_motor = "gain" not in fit.model.names or all(fit.model["gain"] * _sense(data) > 0 for data in records)
+    if fit.fit_percent >= _WELL and is_motor:  # the controller's law read backward explains as much
         return []
     sentence = (
         "The input goes against the speed of the same row: a controller computed it from there, and the noise of the sensor "
