@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 import servobench as sb
 from servobench.core.finding import Verdict
-from servobench.identification.trust.doubts.chance import _about_fit
-from tests.contracts.finding_examples.base import fitted
+from servobench.identification.trust.doubts.chance import _about_fit, _remainder
+from tests.contracts.finding_examples.base import fitted, sound
 from tests.datasets import QUANTUM, prbs
 from tests.rig.motor.reference import Truth, march
 
@@ -97,3 +99,13 @@ def test_a_motor_with_much_friction_that_is_explained_is_no_chance() -> None:
     assert result.fit is not None
     assert 50 < result.fit.fit_percent < 90
     assert "fit-by-chance" not in [finding.code for finding in result.findings]
+
+
+def test_a_record_that_stands_leaves_all_of_nothing() -> None:
+    """Of a run and a rest that are fitted together the rest has no variation to explain."""
+    moved = fitted(sound(samples=400))
+    rest = replace(
+        moved.records[0], data=replace(moved.records[0].data, y=np.zeros(400)), residual=np.zeros(400)
+    )
+
+    assert _remainder(replace(moved, records=(*moved.records, rest))) == _remainder(moved) + 1.0

@@ -33,10 +33,11 @@ def about_position_beside(recording: Recording, output: Series) -> list[Finding]
         factor = _factor(output, other)
         if factor is None or abs(factor - 1.0) <= _SAME:
             continue
-        name, beside, times = output.channel.name, other.channel.name, plain(factor, 3)
+        name, beside, times = output.channel.name, other.channel.name, plain(abs(factor), 3)
+        way = "the other way, " if factor < 0 else ""
         sentence = (
-            f"The position `{beside}` goes {times} times as far as the speed `{name}` adds up to. Either a unit is wrong, or "
-            "the speed misses a part of the counts, or there is a gear between the two. If the position is right, say "
+            f"The position `{beside}` goes {way}{times} times as far as the speed `{name}` adds up to. Either a unit is wrong, "
+            "or the speed misses a part of the counts, or there is a gear between the two. If the position is right, say "
             f"`output={shell_text(beside)}`."
         )
         say = info if _is_gear(factor) else warning

@@ -63,13 +63,11 @@ def _about_fit(fit: Fit) -> list[Finding]:
 
 def _remainder(fit: Fit) -> float:
     """The same as `least_misfit` of what the fit itself leaves, which has friction and a delay besides."""
-    shares = [
-        float(
-            np.sum(each.residual[each.valid] ** 2)
-            / np.sum((each.data.y[each.valid] - each.data.y[each.valid].mean()) ** 2)
-        )
-        for each in fit.records
-    ]
+    shares = []
+    for record in fit.records:
+        y, left = record.data.y[record.valid], record.residual[record.valid]
+        total = float(np.sum((y - y.mean()) ** 2))
+        shares.append(float(np.sum(left**2)) / total if total > 0 else 1.0)
     return sum(shares)
 
 
