@@ -221,7 +221,7 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
         if usual
         else "which fits best, though so long a delay is rare"
         if value > 0
-        else "which fits best, though no motor moves before its input does: the model lacks something there"
+        else "which fits best, though no motor moves before its input does"
     )
     rare = prior.is_rare(value)
     late = rare and value > 0
