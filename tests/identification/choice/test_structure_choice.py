@@ -568,5 +568,8 @@ def test_a_ramp_from_rest_tells_the_gain_of_a_shaft_that_breaks_away(static: flo
     result = identify(ramp)
 
     check(result, gain=10 * RAMPED)
+    if found:
+        assert result["stribeck_voltage"].interval[1] <= 2.0  # V, all of the input
+        assert result["stribeck_speed"].interval[1] <= 10 * RAMPED * 2.0
     assert result["gain"].interval[1] - result["gain"].interval[0] < 0.2 * 10 * RAMPED
     assert ("stribeck-found" in codes(result)) is found

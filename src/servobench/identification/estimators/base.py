@@ -23,6 +23,7 @@ from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.disturbance import Disturbance
 from servobench.identification.models.base import Model, Structure
 from servobench.identification.models.first_motion import latest_delay
+from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
 
 
@@ -148,7 +149,8 @@ class Fit:
     def estimates(self) -> dict[str, Estimate]:
         """The estimates by name, each with its 95 % interval: value ± 1.96 sd, or that in `intervals`, within what can be.
 
-        A friction or a time constant isn't below zero, and a delay doesn't end after the first motion.
+        A friction or a time constant isn't below zero, and a delay doesn't end after the first motion. Friction that falls with
+        the speed takes no more than all of the input, and has fallen at the largest speed.
         """
         sd, estimates = np.sqrt(np.diag(self.covariance)), {}
         for parameter, value, s, unit in zip(
@@ -156,12 +158,23 @@ class Fit:
         ):
             name = parameter.name
             low, high = self.intervals.get(name, (value - TWO_SIDED * s, value + TWO_SIDED * s))
-            latest = self._latest_delay if name == "delay" else parameter.upper
-            interval = float(max(low, min(parameter.lower, value))), float(min(high, max(latest, value)))
+            most = self._most(name, parameter.upper)
+            interval = float(max(low, min(parameter.lower, value))), float(min(high, max(most, value)))
             estimates[name] = Estimate(
                 value=float(value), sd=float(s), interval=interval, level=0.95, unit=unit
             )
         return estimates
+
+    def _most(self, name: str, nature: float) -> float:
+        """The largest value of a parameter that nature and the records allow."""
+        data = [record.data for record in self.records]
+        if name == "delay":
+            return self._latest_delay
+        if name == "stribeck_voltage":
+            return max(float(np.abs(each.u).max(initial=0.0)) for each in data)
+        if name == "stribeck_speed":
+            return max(float(np.abs(smooth_speed(each)).max(initial=0.0)) for each in data)
+        return nature
 
     @cached_property
     def _latest_delay(self) -> float:
