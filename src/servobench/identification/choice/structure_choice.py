@@ -385,6 +385,7 @@ def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> 
 
 
 def _starts(slides: Fit, structure: Structure, data: Sequence[Dataset]) -> Iterator[Array]:
+    """The vectors (P + ΣQ,) from which the structure is searched, the plain fit's first."""
     yield embed(slides, structure, data)
     yield from structure.guesses(data)
 

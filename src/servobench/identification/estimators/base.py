@@ -167,13 +167,12 @@ class Fit:
 
     def _most(self, name: str, nature: float) -> float:
         """The largest value of a parameter that nature and the records allow."""
-        data = [record.data for record in self.records]
         if name == "delay":
             return self._latest_delay
         if name == "stribeck_voltage":
-            return max(float(np.abs(each.u).max(initial=0.0)) for each in data)
+            return max(float(np.abs(record.data.u).max(initial=0.0)) for record in self.records)
         if name == "stribeck_speed":
-            return max(float(np.abs(smooth_speed(each)).max(initial=0.0)) for each in data)
+            return max(float(np.abs(smooth_speed(record.data)).max(initial=0.0)) for record in self.records)
         return nature
 
     @cached_property

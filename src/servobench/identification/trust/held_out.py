@@ -165,15 +165,18 @@ def _not_validated(fit: Fit) -> Finding:
         return info("not-validated", f"The model {untested}: {why}. {remedy}")
     why = f"{untested}: whatever part is left out, the rest determines the model too poorly to predict it"
     remedy = "Record a second run, or an input that changes more often."
-    # What changes at once comes from the sensor, and isn't the structure's.
-    at_once = all(likeness(record) < _AT_ONCE for record in fit.records)
-    if fit.disturbance is None or fit.fit_percent > _BY_TORQUE or at_once:
+    if fit.disturbance is None or fit.fit_percent > _BY_TORQUE or _leaves_noise(fit):
         return info("not-validated", f"The model {why}. {remedy}")
     left = plain(100.0 - fit.fit_percent, 2)
     sentence = (
         f"The model takes the {left} % of the output that it misses for a random torque, and {why}. {remedy}"
     )
     return warning("not-validated", sentence)
+
+
+def _leaves_noise(fit: Fit) -> bool:
+    """Whether what is left changes at once, so that it comes from the sensor, and isn't the structure's."""
+    return all(likeness(record) < _AT_ONCE for record in fit.records)
 
 
 def _training_data(fit: Fit) -> list[Dataset]:

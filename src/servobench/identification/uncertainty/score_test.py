@@ -112,8 +112,7 @@ class TermScore:
 
     @property
     def braking(self) -> float:
-        """The amount of a friction, above zero where it brakes: added to the input of a motor that turns the other way, its sign
-        is the other one."""
+        """The amount of a friction, in the input's unit and above zero where it brakes, whichever way the wires are."""
         turned = "gain" in self.fit.model.names and self.fit.model["gain"] < 0
         return float(-self.amount[0] if turned else self.amount[0])
 

@@ -298,9 +298,7 @@ def about_other_roles(
     unused = [each.channel.name for each in recording.series if has_numbers(each)]
     unused = [name for name in unused if name not in used]
     findings = []
-    # An input in rad or m/s is doubted by its unit.
-    of_shaft = quantity_of(driven.channel.unit) in {"position", "speed"} and not _is_in_counts(driven)
-    if is_reference(driven.channel.name) and not of_shaft:
+    if is_reference(driven.channel.name) and not _is_of_a_shaft(driven):
         sentence = (
             f"The input `{driven.channel.name}` is, by its name, what a loop follows. If it is, the model describes the whole "
             "loop, controller included, not the motor: name the column of the voltage or the duty as the input."
@@ -325,8 +323,10 @@ def about_other_roles(
     return findings
 
 
-def _is_in_counts(series: Series) -> bool:
-    return unit(series.channel.unit or "").si in {"counts", "counts/s"}
+def _is_of_a_shaft(series: Series) -> bool:
+    """Whether an input is in rad or m, or a speed of these: its unit is doubted then, whatever its name is."""
+    symbol = series.channel.unit
+    return symbol is not None and unit(symbol).si in {"rad", "rad/s", "m", "m/s"}
 
 
 def is_reference(name: str) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.errors import UnitError
 from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import plain
 from servobench.core.units import unit
@@ -58,13 +57,14 @@ def _factor(output: Series, other: Series) -> float | None:
         return None
     if parts_that_tell_apart(name) != parts_that_tell_apart(output.channel.name):
         return None
-    try:
-        scale = unit(f"({symbol})/s").factor / unit(str(output.channel.unit)).factor
-        if unit(f"({symbol})/s").si != unit(str(output.channel.unit)).si:
-            return None
-    except UnitError:
+    whole, rate = unit(str(symbol)), unit(str(output.channel.unit))
+    if rate.si != f"{whole.si}/s":
         return None
-    position, speed, steps = scale * other.values, output.values, np.diff(np.asarray(output.t))
+    position, speed, steps = (
+        whole.factor / rate.factor * other.values,
+        output.values,
+        np.diff(np.asarray(output.t)),
+    )
     way = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps))
     return _slope(way, position)
 

@@ -155,18 +155,13 @@ def _goes_on(data: Dataset) -> bool:
 
 def _goes_on_at_every_level(data: Dataset) -> bool:
     """Whether the output goes on in the last quarter of the time under each of several inputs, hardly more slowly than before."""
-    ends = []
+    u, goes_on = data.input_at_output, []
     for first, end in zip(*stretches_of_input(data), strict=True):
-        if (
-            end - first >= _SHORT
-            and data.input_at_output[first] != 0
-            and (parts := quarters(data, first, end))
-        ):
-            way = np.array([data.y[part][-1] - data.y[part][0] for part in parts]) / np.array(
-                [p.stop - p.start - 1 for p in parts]
-            )
-            ends.append(way[-1] / way[1] if way[1] else 0.0)
-    return len(ends) >= _LEVELS and min(ends) > _GOES
+        parts = quarters(data, first, end) if end - first >= _SHORT and u[first] != 0 else []
+        if parts:
+            _, second, _, last = (float(np.mean(np.diff(data.y[part]))) for part in parts)
+            goes_on.append(second != 0 and last / second > _GOES)
+    return len(goes_on) >= _LEVELS and all(goes_on)
 
 
 def _way_out(data: Dataset) -> str:

@@ -21,10 +21,10 @@ def repeats_soon(data: Dataset) -> bool:
 
 
 def _about(records: Sequence[Dataset]) -> list[Finding]:
-    if not all(map(repeats_soon, records)):
+    cycles = [cycle for record in records if repeats_soon(record) and (cycle := period(record)) is not None]
+    if len(cycles) < len(records):
         return []
-    cycle = period(records[0])
-    rows = count_text(cycle.length if cycle else 0, "row")
+    rows = count_text(cycles[0].length, "row")
     sentence = (
         f"The input repeats after {rows}: so many numbers are all that the record shows of the motor, and other time constants "
         "with other delays explain them as well. Record steps that last longer, or sample faster."
