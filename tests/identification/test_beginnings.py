@@ -12,7 +12,7 @@ from servobench.identification.identify import identify
 from servobench.recordings.measurement.measure import measure
 from servobench.recordings.recording import Recording, Series, Source
 from tests.datasets import QUANTUM, dataset, prbs
-from tests.rig.motor.reference import Truth
+from tests.rig.motor.reference import Truth, march
 
 STEP = 0.002
 MOTOR = Truth(coulomb_torque=8e-4, inductance=1e-9)
@@ -97,3 +97,45 @@ def test_a_shaft_that_sets_off_under_the_first_rows_input_answers_to_what_came_w
     for name, value in (("gain", GAIN), ("time_constant", TAU)):
         assert abs(fit[name].value / value - 1) < 1e-3
         assert fit[name].sd / value < 1e-3
+
+
+def test_a_staircase_whose_first_level_moves_nothing_has_friction_and_no_delay_of_that_level() -> None:
+    """A friction of 2.8 V on stairs of 2.5 V: 0.3 V and a delay of a whole stair were a minimum, and a guess lay at the kink.
+
+    Counts of an encoder with 2,048 in a turn show friction and time constant to some 0.1 % here.
+    """
+    step, hold = 0.008, 25
+    motor = MOTOR._replace(coulomb_torque=1.4e-2)
+    friction = motor.coulomb_torque * motor.resistance / motor.motor_constant
+    u = np.concatenate([np.zeros(4), np.repeat([2.502, 5.0, 7.5, 10.0], hold)])
+    fit = identify(dataset(seed=4, u=u, samples=len(u), sample_time=step, truth=motor)).fit
+    assert fit is not None
+    assert abs(fit["coulomb_voltage"].value / friction - 1) < 0.01
+    assert abs(fit["time_constant"].value / TAU - 1) < 0.01
+    assert abs(fit["delay"].value) < 0.1 * step
+
+
+def test_what_a_tachometer_shows_at_rest_is_no_evidence_of_a_delay_before_a_ramp() -> None:
+    """A ramp from rest with a friction of 0.64 V: delay and friction do the same, but for 0.5 rad/s that the tachometer shows.
+
+    A model without friction creeps under the 5 mV before the ramp, which made its delay of 0.69 s "known" to 13 %.
+    """
+    step, rest, samples = 0.033, 92, 236
+    motor = MOTOR._replace(coulomb_torque=3.2e-3)
+    t = np.arange(samples) * step
+    u = np.maximum(t - rest * step, 0.0) + 0.005
+    speed = np.gradient(march(motor, u, step, step=3.3e-5)[:, 2], step)
+    random = np.random.default_rng(2)
+    zero = np.where(random.random(samples) < 0.7, 1.05, 0.0)  # a converter's last digit
+    speed = np.where(speed == 0.0, zero, speed + random.normal(0.0, 0.2, samples))
+    columns = (
+        Series(channel=Channel(name="u", unit="V"), values=u, t=t),
+        Series(channel=Channel(name="speed", unit="rad/s"), values=speed, t=t),
+    )
+    recording = Recording(
+        name="ramp", series=columns, input="u", output="speed", source=Source(name="ramp"), chain="none"
+    )
+    result = identify(measure(recording))
+    assert abs(result.answers["gain"].estimate.value / GAIN - 1) < 0.02
+    delay = result.answers["delay"]
+    assert delay.state != "known" or delay.estimate.interval[0] < step

@@ -116,6 +116,8 @@ _TABLE = (
     FindingCode("delay-within-a-call",
         "It isn't known when within a call the device sampled; the delay may be too short by as much.",
         "Let the device keep the time."),
+    FindingCode("delay-within-row", "The output comes before the row of its input, by less than a row.",
+        "Write each row with the input that acts from its time on."),
     FindingCode("device-silent", "The device doesn't answer and the motor may still turn.", "Cut the motor's supply."),
     FindingCode("direction-words", "A column of words such as F and R is read as signs."),
     FindingCode("directions-differ", "The motor behaves differently in its two directions.",

@@ -227,6 +227,11 @@ def _in_a_loop(gain: float, late: int) -> Fit:
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
     _example("delay-rare", lambda: _late(0.1), lambda: _late(0.0)),
+    _example(
+        "delay-within-row",
+        lambda: with_values(_one_way(0.0), delay=-8e-4),
+        lambda: with_sd(with_values(_one_way(0.0), delay=-8e-4), delay=1.0),
+    ),
     _example("feedback-unnamed", lambda: _in_a_loop(0.3, 0), lambda: _in_a_loop(0.3, 3)),
     _example("fit-by-chance", _of_another_motor),
     _example("fit-poor", _of_another_motor),

@@ -117,7 +117,7 @@ def _likeliest(
     data: Sequence[Dataset], places: Sequence[Minimum], prior: DelayPrior, samples: float
 ) -> Minimum:
     """The place with the largest posterior, or one with a more usual delay that explains the counts as well."""
-    best = min(places, key=lambda each: _loss(each, prior, samples))
+    best = min(places, key=lambda each: _loss(data, each, prior, samples))
     usual = [each for each in places if _is_as_good(data, each, best)]
     return min((best, *usual), key=lambda each: prior.penalty(float(each.theta[prior.at])))
 
@@ -178,7 +178,7 @@ def _one_of_several(
         apart = (
             abs(each.theta[prior.at] - delay) / step
         )  # as many places are as good, and together they are likelier
-        less = abs(_loss(each, prior, samples) - _loss(minimum, prior, samples))
+        less = abs(_loss(data, each, prior, samples) - _loss(data, minimum, prior, samples))
         return bool(apart > 0.5 and less < _AS_LIKELY + 2.0 * np.log(max(apart, 1.0)))
 
     others = [each for each in settled if is_in_doubt(each)]
@@ -280,7 +280,24 @@ def _samples(data: Sequence[Dataset], minimum: Minimum) -> float:
     )
 
 
-def _loss(minimum: Minimum, prior: DelayPrior, samples: float) -> float:
+def _loss(data: Sequence[Dataset], minimum: Minimum, prior: DelayPrior, samples: float) -> float:
     """Twice the negative logarithm of the posterior, but for a constant."""
-    cost = max(minimum.cost, np.finfo(float).tiny)
-    return samples * float(np.log(cost)) + prior.penalty(float(minimum.theta[prior.at]))
+    cost = sum(
+        cost_beside_zero(record, jacobian_and_residual(record, prediction)[1])
+        for record, prediction in zip(data, minimum.predictions, strict=True)
+    )
+    penalty = prior.penalty(float(minimum.theta[prior.at]))
+    return samples * float(np.log(max(cost, np.finfo(float).tiny))) + penalty
+
+
+def cost_beside_zero(record: Dataset, residual: Array) -> float:
+    """Return the sum of squares of a residual (M,), without what a sensor of the speed shows of a shaft that rests at first.
+
+    That is the zero of a tachometer. A model without friction creeps before it moves, and would follow it for as long as the
+    shaft rests, with a delay in place of what holds the shaft.
+    """
+    squares, first = float(residual @ residual), record.first_motion
+    if record.kind != "speed" or first is None or len(residual) != len(record.y) or not rests_at_first(record):
+        return squares
+    zero = residual[record.t_output < first.effect]
+    return squares - float(zero.sum()) ** 2 / max(len(zero), 1)

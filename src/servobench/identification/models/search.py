@@ -38,6 +38,7 @@ _LOWER = 1.0 - 1e-6  # times: under one level any width explains as much, and ro
 _WIDTHS = np.linspace(
     0.05, 0.65, 7
 )  # of the largest input: dead zones that are tried for a guess of friction
+_BESIDE = np.array([-0.05, 0.05])  # of the largest input: half the way to the next of them
 _VALLEYS = 3
 _DECADE = 10.0
 _NEARLY_ALL = 1e-6  # of the output's variation left over: 99.9 % explained
@@ -180,15 +181,17 @@ def guess_behind_dead_zone(
     """Return the best guess for a shaft that friction holds until its input has grown, and its cost.
 
     While it turns one way, friction takes as much of the input all the time: it moves as if behind a dead zone of that width, of
-    which a few are tried. `structure` is that without friction, `friction` the place where its parameter belongs.
+    which a few are tried, and then those beside the best: one as wide as a level that holds the shaft is at a kink, from which
+    a search doesn't find its way. `structure` is that without friction, `friction` the place where its parameter belongs.
     """
     largest = max(float(np.abs(record.u).max()) for record in data)
     best, lowest = 0.0, np.inf
-    for width in largest * _WIDTHS:
-        records = [_record(structure, _behind_dead_zone(record, width)) for record in data]
-        cost = float(np.min(_trials(structure, records, _on_a_grid(data)).costs))
-        if cost < _LOWER * lowest:
-            best, lowest = float(width), cost
+    for widths in (_WIDTHS, _BESIDE):
+        for width in best + largest * widths:
+            records = [_record(structure, _behind_dead_zone(record, width)) for record in data]
+            cost = float(np.min(_trials(structure, records, _on_a_grid(data)).costs))
+            if cost < _LOWER * lowest:
+                best, lowest = float(width), cost
     cost, guess = separable_guesses(structure, [_behind_dead_zone(record, best) for record in data])[0]
     return cost, np.insert(guess, friction, best)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from servobench.core.finding import Finding, Severity, warning
+from servobench.core.finding import Finding, Severity, info, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
@@ -15,6 +15,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 # the input at once. Their sum says when the output begins.
 _LAGS = ("delay", "electrical_time_constant")
 _CHANGES_ALL_THE_TIME = 0.5  # of the rows
+_SEEN = 0.1  # of a sample time: what is less nobody looks for
 _OUT_OF_STEP = 0.6  # of a sample time: a speed that was differenced ahead of its row comes half of one early
 
 
@@ -40,7 +41,8 @@ def _delay(fit: Fit) -> list[Finding]:
         if changes and whole + 3 * sd > -halved - 0.5 * data.input_step:
             return [_between_rows(whole, data.input_step)]
         return [_finding(with_unit(-whole, "s", 3))]
-    return []
+    is_seen = earliest <= lag < -_SEEN * data.sample_time and _upper(fit) < 0.0
+    return [_within_row(lag)] if is_seen else []
 
 
 def _sum_of(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
@@ -74,6 +76,16 @@ def _between_rows(whole: float, step: float) -> Finding:
     return warning("delay-negative", sentence, parameters=("delay", "time_constant"))
 
 
+def _within_row(lag: float) -> Finding:
+    """What to say of a delay that is surely below zero, by no more than rows may be out of step with each other."""
+    sentence = (
+        f"The output comes {with_unit(-lag, 's', 2)} before the row of the input that causes it, less than a row: each row is "
+        "written a little after its input acts, or its speed belongs to a later moment than its input. The motor has no such delay; "
+        "what it has is hidden in these times."
+    )
+    return info("delay-within-row", sentence, parameters=("delay",))
+
+
 def _is_ahead_of_all(fit: Fit) -> bool:
     """Whether the delay ends at the shortest that misaligned columns allow, and the time constant below what samples resolve.
 
@@ -91,4 +103,4 @@ def _is_at_its_shortest(fit: Fit) -> bool:
     return bool(fit.model["delay"] <= shortest[fit.model.names.index("delay")])
 
 
-DOUBTS.member("delay")(Doubt(codes=("delay-negative",), about_fit=_delay))
+DOUBTS.member("delay")(Doubt(codes=("delay-negative", "delay-within-row"), about_fit=_delay))
