@@ -291,6 +291,19 @@ def test_romi_has_the_published_ks_or_says_why_its_tests_speak_against_it(
     assert "records-apart" in codes(result)
 
 
+def test_a_slow_ramp_on_which_the_shaft_may_stick_tells_the_gain(
+    servobench: Command, real_data: RealData
+) -> None:
+    """The slope of speed over voltage is 2.72; with friction that falls with the speed the gain alone would be unknown."""
+    path = real_data("romi_sysid/romi_sysid_data20221106-174834.json")
+    columns = ("--input", "left", "--output", "left_position", "--recording", "slow-backward")
+
+    result = servobench("identify", path, *columns, "--json").result
+
+    assert result["verdict"] == "trusted"
+    assert holds(result["parameters"]["gain"], 2.72)
+
+
 def test_romi_by_its_coarse_positions_is_sent_to_its_speeds(servobench: Command, real_data: RealData) -> None:
     path = real_data("romi_sysid/romi_sysid_data20221106-174834.json")
 

@@ -42,3 +42,19 @@ def test_no_friction_from_one_step_is_no_knowledge_of_the_gain() -> None:
     _, covariance = uncertainty(structure, [data], minimise(structure, [data], start, free))
     sd = np.sqrt(np.diag(covariance))
     assert sd[gain] > 0.3 * start[gain] / level * sd[friction]
+
+
+def test_the_speed_under_one_level_is_known_with_friction_at_its_bound() -> None:
+    """K (u - u_c) is what a level shows; with u_c held at 0 and K as unsure as u_c is, it was as unsure as both."""
+    level, structure = 3.0, STRUCTURES["first_order_one_way_rest"]
+    u = np.where(np.arange(1500) < 50, 0.0, level)
+    data = dataset(seed=1, u=u, samples=1500, truth=Truth(coulomb_torque=0.0, inductance=1e-9))
+    names = [parameter.name for parameter in structure.parameters]
+    gain, friction = names.index("gain"), names.index("coulomb_voltage")
+    start = structure.guesses([data])[0].copy()
+    start[friction] = 0.0
+    found = minimise(structure, [data], start, np.arange(len(start)) != friction)
+    _, covariance = uncertainty(structure, [data], found)
+    speed = np.zeros(len(names))
+    speed[gain], speed[friction] = level, -found.theta[gain]
+    assert np.sqrt(speed @ covariance @ speed) < 0.2 * level * np.sqrt(covariance[gain, gain])

@@ -86,6 +86,16 @@ def test_one_step_has_the_whole_allowance_and_says_why() -> None:
     assert "a second step would" in wider.budget[-1].reason
 
 
+def test_a_supply_that_gives_way_under_a_step_makes_no_further_event_of_it() -> None:
+    """2.0 V, 1.87 and 1.74 after 0.2 s each: three "events", and so no allowance for the model's error at all."""
+    u = np.concatenate([np.zeros(50), np.repeat([2.0, 1.87, 1.74], 100), np.full(200, 1.76)])
+    found = model_error(fitted(dataset(seed=1, u=u, samples=len(u)), "first_order_one_way_rest"))
+
+    assert found is not None
+    assert found.events["gain"] < 2
+    assert found.shares["gain"] == 1
+
+
 def with_small_steps(second: float) -> Dataset:
     """The step from 1 to 2 V, and 2 s later one to `second` volt, and back after another 2 s."""
     u = np.repeat([1.0, 2.0, second, 2.0], 1000)

@@ -122,11 +122,15 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Base:
-    """The fit of the simplest structure that suits a motion, why it is that one, and all `fits` that were made, by structure."""
+    """The fit of the simplest structure that suits a motion, why it is that one, and all `fits` that were made, by structure.
+
+    `sliding` is the base without friction that is larger near standstill, where this one has it.
+    """
 
     fit: Fit
     findings: tuple[Finding, ...] = ()
     fits: Mapping[str, Fit]
+    sliding: _Base | None = None
 
 
 def choose_structure(
@@ -386,7 +390,8 @@ def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> 
         f"{sticks.fit_percent:.2f} %."
     )
     finding = info("stribeck-found", sentence, parameters=("coulomb_voltage",))
-    return _Base(fit=sticks, findings=(*base.findings, finding), fits={**base.fits, sticks.structure: sticks})
+    fits = {**base.fits, sticks.structure: sticks}
+    return _Base(fit=sticks, findings=(*base.findings, finding), fits=fits, sliding=base)
 
 
 def _starts(slides: Fit, structure: Structure, data: Sequence[Dataset]) -> Iterator[Array]:
@@ -465,8 +470,11 @@ def _climb(
 ) -> Choice:
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
     base, fit = _allow_with_friction(base, allow)
-    shown, refused = score_terms(fit), dict[str, Rung]()
-    here = Choice(fit=fit, plain=base.fit, causes=causes, shown=shown, findings=base.findings)
+    here, refused = _of_base(base, fit, causes), dict[str, Rung]()
+    shown = here.shown
+    if base.sliding is not None:
+        below = _of_base(base.sliding, allow(base.sliding.fit), causes)
+        return replace(here, rung=Rung(term="stribeck", plain=base.fit, fit=fit, doubt=""), below=below)
     if any(finding.code == _REST for finding in base.findings):
         return here  # the data determine nothing more about its friction
     if _candidate_terms(shown, fit) and _is_damaged(causes, fit):
@@ -490,6 +498,11 @@ def _climb(
     hidden = [each.hidden for each in refused.values() if each.hidden]
     stop = stop_finding(here.fit, here.shown, refused)
     return replace(here, findings=(*here.findings, stop, *hidden))
+
+
+def _of_base(base: _Base, fit: Fit, causes: Causes) -> Choice:
+    """The choice of a base, whose `fit` is as it is allowed for."""
+    return Choice(fit=fit, plain=base.fit, causes=causes, shown=score_terms(fit), findings=base.findings)
 
 
 def _one_up(here: Choice, rung: Rung, refused: Mapping[str, Rung]) -> Choice:

@@ -51,6 +51,7 @@ from servobench.identification.models.level import one_level
 from servobench.recordings.measurement.dataset import Dataset
 
 _ROUNDED = 1e-3  # of two standard deviations: halves of a covariance that differ by more are rounding error
+_ONE = 0.98  # a correlation of gain and friction from which they are known together only
 
 
 @runtime_checkable
@@ -208,13 +209,16 @@ def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: DelayP
 
     Nothing is held where a delay ends at its bound, which allows for columns out of step and is no place where motors are. As
     the truth lies within the bounds, the bound brings the estimate no farther from it, measured by H (a projection onto a convex
-    set): the covariance of a free delay is enough, that of a held one would take the bound for the delay.
+    set): the covariance of a free delay is enough, that of a held one would take the bound for the delay. Nor is friction held where
+    the data show hardly more than what gain and friction make together of one level.
     """
     squares = square_jacobians(layout, minimum.predictions)
     h = information(layout, squares)
     lower, upper = layout.bounds()
     held = ((minimum.theta <= lower) & (lower >= 0)) | (minimum.theta >= upper)
     held[: layout.shared] &= [p.name != "delay" for p in layout.structure.parameters]
+    if held.any():
+        held &= ~_is_one_with_gain(layout, inverse(h))
     if prior is not None:
         h[prior.at, prior.at] += variance / prior.scale**2
     bread = inverse(h * np.outer(~held, ~held) if held.any() else h)
@@ -234,6 +238,16 @@ def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: DelayP
     unknown = np.diag(h) == 0
     covariance[unknown, unknown] = np.inf
     return covariance
+
+
+def _is_one_with_gain(layout: Layout, free: Array) -> NDArray[np.bool_]:
+    """Whether an entry of the joint vector is a friction that the data hardly tell from the gain; `free` is (J'J)⁻¹."""
+    names = [parameter.name for parameter in layout.structure.parameters]
+    among = np.zeros(len(free), dtype=bool)
+    if {"gain", "coulomb_voltage"} <= set(names):
+        gain, friction = names.index("gain"), names.index("coulomb_voltage")
+        among[friction] = free[gain, friction] ** 2 > _ONE**2 * free[gain, gain] * free[friction, friction]
+    return among
 
 
 def _of_held(

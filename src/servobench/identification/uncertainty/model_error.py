@@ -55,6 +55,7 @@ _EVIDENT = {True: (3.0, 5.0), False: (2.0, 3.0)}
 _SEVERAL = 4.0  # events: with fewer, the figures for few are used
 _ONE = 2.0  # events: with fewer a record can't show its own model error
 _JUMP = 0.05  # of the input's range
+_SAGS = 0.15  # of the largest input: a voltage that is switched on and sags by less is one level
 _JUMP_SAMPLES = 2  # a measured voltage may take two samples for a jump
 _NOTHING = 1e-9  # of the whole information: what is less is rounding error
 _ALONG = 1e-6  # of a direction's length: what lies along another by less is rounding error
@@ -288,11 +289,19 @@ def _free_from(fit: Fit, row: int) -> Array:
 def _cuts(record: FittedRecord) -> list[int]:
     """The first samples of a record's stretches, among its valid ones: at jumps of the input, and at reversals without one."""
     u = record.data.input_at_output[record.valid]
-    least = _JUMP * float(np.ptp(record.data.u))
+    least = _least_jump(record.data.u)
     jumps = _jumps(u, least)
     turns = np.array([0, *_turns(u, least), len(u)])
     smooth = np.searchsorted(jumps, turns[1:]) == np.searchsorted(jumps, turns[:-1])
     return [0, *jumps.tolist(), *turns[:-1][smooth].tolist()]
+
+
+def _least_jump(u: Array) -> float:
+    """What an input (N,) has to jump by for an event: of its range, and more than a supply that gives way under a step sags by."""
+    largest = float(np.abs(u).max(initial=0.0))
+    driving = np.abs(u)[np.abs(u) >= _LEVEL * largest]
+    sags = float(np.ptp(driving)) if len(driving) else 0.0
+    return max(_JUMP * float(np.ptp(u)), sags if sags <= _SAGS * largest else 0.0)
 
 
 def _jumps(u: Array, least: float) -> NDArray[np.int64]:
