@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _FEW = 3.0  # quanta: what moves less than that hasn't moved
 _TRAVELLED = 6.0  # times what steps that come and go by chance would travel
+_ZERO = 0.02  # of the largest speed: what a tachometer may show of a shaft that rests
 _FINE = 200.0  # quanta in the range: a coarser sensor doesn't show how fast it reached its end
 _VISITS = 2  # of the end of a range: a motor that turns round once stands at its own largest value, too
 _OF_ALL = 0.2  # of the stretches that stand still: a sensor whose values are held has them everywhere
@@ -58,7 +59,12 @@ class _Flat:
 
 
 def _about(records: Sequence[Dataset]) -> list[Finding]:
-    return [finding for record in records for finding in _of(record)]
+    findings = [finding for record in records for finding in _of(record)]
+    still = [finding for finding in findings if finding.code == "output-still"]
+    if not still or len(still) == len(records):
+        return findings
+    # Files of one motor at many levels: at the lowest of them it stays where it is, and the others need no such file.
+    return [replace(f, sentence=f"{f.sentence} Leave this recording out.") if f in still else f for f in findings]
 
 
 def _turns_evenly(data: Dataset, quantum: float) -> bool:
@@ -92,11 +98,12 @@ def _of(data: Dataset) -> list[Finding]:
     if np.ptp(data.y) > 0 and not _travels(data, quantum):
         return [_too_little(data, quantum)]
     if np.ptp(data.y) == 0:
+        low, high = plain(data.u.min(), 3), plain(data.u.max(), 3)
+        goes = f"is {high}" if low == high else f"goes from {low} to {high}"
         sentence = (
-            f"{data.name}: the output doesn't move, although the input goes from "
-            f"{plain(data.u.min(), 3)} to {plain(data.u.max(), 3)} {data.input_unit}: the shaft is blocked, "
-            "the amplifier is off, the sensor belongs to another motor, or the motion was smaller "
-            "than one step of the sensor."
+            f"{data.name}: the output doesn't move, although the input {goes} {data.input_unit}: that is less than it takes to "
+            "overcome friction, the shaft is blocked, the amplifier is off, the sensor belongs to another motor, or the motion was "
+            "smaller than one step of the sensor."
         )
         return [refusal("output-still", sentence)]
     if _turns_evenly(data, quantum):
@@ -166,8 +173,8 @@ def _clipping(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding
     if np.ptp(data.y) < _FINE * quantum:
         return []
     for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):
-        if data.kind == "speed" and end == 0:
-            continue  # a motor at rest
+        if _is_rest(data, end):
+            continue
         at_end = [flat for flat in flats if data.y[flat.first] == end and not _is_commanded(data, flat)]
         abrupt = [flat for flat in at_end if flat.pace > _ABRUPT * usual]
         if (
@@ -177,6 +184,11 @@ def _clipping(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding
         ):
             return [_at_the_end(data, which, end, np.flatnonzero(data.y == end))]
     return []
+
+
+def _is_rest(data: Dataset, end: float) -> bool:
+    """Whether an end of an output's range is the speed of a shaft that rests, or what a tachometer shows of it."""
+    return data.kind == "speed" and abs(end) <= _ZERO * float(np.abs(data.y).max())
 
 
 def _is_commanded(data: Dataset, flat: _Flat) -> bool:
@@ -195,7 +207,7 @@ def _pile_up(data: Dataset, quantum: float) -> list[Finding]:
     usual = float(np.median(jumps[jumps > 0]))
     for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):
         at_end = np.flatnonzero(data.y == end)
-        if data.kind == "speed" and end == 0:
+        if _is_rest(data, end):
             continue
         if len(at_end) < max(10, _PILE * len(data.y)):
             continue

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.finding import warning
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
 
 _MOST_LEVELS = 16
 _FEWEST = 4  # with fewer levels, one that is off is only another gain or offset
 _SAME = 0.2  # of a level: as near as one with the wrong sign comes to its size
+_STANDS = 0.02  # of the top speed
 _SHARE = 0.02  # of the samples at a level that counts
 
 
@@ -23,7 +25,12 @@ def _level(case: Case) -> CauseFit | None:
     if not _FEWEST <= len(levels) <= _MOST_LEVELS:
         return None
     tried = []
-    for level in levels[(counts > _SHARE * len(inputs)) & (levels != 0)]:  # at none, friction holds the shaft
+    speeds = [np.abs(np.interp(each.t, each.data.t_output, smooth_speed(each.data))) for each in case.motions]
+    speed = np.concatenate(speeds)
+    least = _STANDS * float(np.percentile(speed, 99))
+    for level in levels[(counts > _SHARE * len(inputs)) & (levels != 0)]:
+        if float(np.median(speed[inputs == level])) < least:
+            continue  # friction holds the shaft, as at none
         extra = [each.filter_through_chain(np.where(each.u == level, 1.0, 0.0)) for each in case.motions]
         tried.append((case.with_columns(extra), float(level)))
     if not tried:
