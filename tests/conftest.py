@@ -14,6 +14,7 @@ from typing import Any
 import hypothesis
 import pytest
 
+from tests import long_tests
 from tests.busy_computer import pytest_runtest_protocol, pytest_terminal_summary
 from tests.kernels import pytest_sessionfinish, pytest_sessionstart, pytest_xdist_node_collection_finished
 
@@ -63,7 +64,9 @@ WAITING = ("stories", "hang", "panel", "docs", "cli", "bench", "faults")
 
 
 def may_take_long(path: Path) -> bool:
-    """Whether a file of tests may have some for `make test-long`: it, a fixture of its folder or `coverage` marks them."""
+    """Whether a file of tests may have some for `make test-long`: it, a fixture of its folder, `coverage` or the list marks them."""
+    if path.is_relative_to(ROOT) and path.relative_to(ROOT).as_posix() in long_tests.FILES:
+        return True
     folders = [folder for folder in path.parents if folder.is_relative_to(ROOT / "tests")]
     beside = [folder / "conftest.py" for folder in folders if folder != ROOT / "tests"]
     return any(
@@ -81,12 +84,14 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return None if may_take_long(collection_path) else True
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put files that wait in turns with files that compute, so that neither kind has the processors, or the end, to itself.
 
     Of each kind those with long tests come first: a process that got such a file last would be the only one at work for minutes.
     Where all files are read, a test that `make test-long` would never come across is an error.
     """
+    long_tests.mark_listed(items, config.args)
     long = {item.path for item in items if item.get_closest_marker("long")}
     if missed := sorted(str(path) for path in long if not may_take_long(path)):
         raise pytest.UsageError(

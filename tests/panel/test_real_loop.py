@@ -334,7 +334,7 @@ def test_a_page_that_answers_no_pings_is_gone(program: Program) -> None:
             page.send_signal(signal.SIGSTOP)  # it is there, its line is open, and nobody answers
 
             await onlooker.listen_until(lambda: not onlooker.state["enabled"])
-            assert not onlooker.state["taken"]
+            await onlooker.listen_until(lambda: not onlooker.state["taken"])
             assert onlooker.state["running"]
         finally:
             page.kill()

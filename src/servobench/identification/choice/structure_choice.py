@@ -331,7 +331,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     fits = {each.structure: each for each in (one_way, with_rest)}
     # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead, and
     # follow the rounding of the rest besides. What is as good, or as rounding, is no worse.
-    as_good = _left_beside_zero(with_rest) <= _AS_GOOD**2 * _left_beside_zero(one_way) or is_rounding(with_rest)
+    as_good = _misfit_beside_zero(with_rest) <= _AS_GOOD**2 * _misfit_beside_zero(one_way) or is_rounding(with_rest)
     drifts = not (is_usual(with_rest) and as_good)
     # Nor does a shaft that came to rest say that nothing holds it: a constant that were no friction would go on acting.
     rested = begins or idle or (_stands(data) and not turns_both_ways(data))
@@ -353,7 +353,7 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     return _with_breakaway(method, data, _Base(fit=with_rest, findings=(finding,), fits=fits))
 
 
-def _left_beside_zero(fit: Fit) -> float:
+def _misfit_beside_zero(fit: Fit) -> float:
     """The sum of squares that a fit leaves, without the zeros of sensors of the speed."""
     return sum(cost_beside_zero(record.data, record.residual[record.valid]) for record in fit.records)
 
