@@ -64,7 +64,7 @@ WAITING = ("stories", "hang", "panel", "docs", "cli", "bench", "faults")
 
 
 def may_take_long(path: Path) -> bool:
-    """Whether a file of tests may have some for `make test-long`: it, a fixture of its folder, `coverage` or the list marks them."""
+    """Whether a file of tests may have some for `make test-long`: it, a fixture of its folder, `coverage` or a list says so."""
     if path.is_relative_to(ROOT) and path.relative_to(ROOT).as_posix() in long_tests.FILES:
         return True
     folders = [folder for folder in path.parents if folder.is_relative_to(ROOT / "tests")]

@@ -497,6 +497,8 @@ _TABLE = (
     FindingCode("units-per-rotation", "Units are rotations."),
     FindingCode("unwrap-ambiguous", "A step of half the counter's range may be a wrap or not.",
         "Sample faster, or use a wider counter."),
+    FindingCode("unwrap-limit", "Up to which speed a wrapped position can be unwrapped.",
+        "Sample faster if the shaft may be faster."),
     FindingCode("unwrap-out-of-range", "Values lie outside of the declared range of the counter.", "Check the declared modulus."),
     FindingCode("validation-poor", "The model explains little of data that it wasn't fitted to.",
         "Check structure and columns.", Role.SYMPTOM),

@@ -190,6 +190,18 @@ def test_a_counter_too_fast_for_its_width_is_reported() -> None:
     assert codes(data) == {"unwrap-ambiguous": Severity.WARNING}
 
 
+def test_the_speed_up_to_which_a_counter_can_be_unwrapped_is_stated_where_it_is_near() -> None:
+    """Steps of 3,000 of 65,536 counts in 2 ms are a twentieth; 32,768 in that time are 16.4 million counts a second."""
+    travel = 3000.0 * np.arange(200)
+
+    data = measure(recording((travel + 32768) % 65536 - 32768, "counts", t=T[:200], counter_bits=16))
+    slow = measure(recording((travel / 5 + 32768) % 65536 - 32768, "counts", t=T[:200], counter_bits=16))
+
+    assert codes(data) == {"unwrap-limit": Severity.INFO}
+    assert f"{32768 / (T[1] - T[0]) / 1e6:.3g}" in data.findings[0].sentence
+    assert codes(slow) == {}
+
+
 def test_a_counter_of_more_than_its_width_is_reported() -> None:
     shown = np.concatenate([np.arange(0.0, 100000.0, 1000.0), np.arange(0.0, 100000.0, 1000.0)])
 
@@ -236,7 +248,7 @@ def test_counts_that_wrap_unasked_are_reported(modulus: float, advice: str) -> N
     repaired = measure(recording(shown, "counts", counts_per_rev=2048), advice)
     np.testing.assert_allclose(repaired.y - repaired.y[0], TRAVEL, rtol=0, atol=1.01 * QUANTUM)
     assert repaired.quantum == pytest.approx(QUANTUM)
-    assert repaired.findings == ()
+    assert set(codes(repaired)) <= {"unwrap-limit"}
 
 
 def test_a_potentiometer_that_begins_anew_before_a_turn_is_over_is_reported() -> None:

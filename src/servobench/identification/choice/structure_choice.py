@@ -331,7 +331,9 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     fits = {each.structure: each for each in (one_way, with_rest)}
     # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead, and
     # follow the rounding of the rest besides. What is as good, or as rounding, is no worse.
-    as_good = _misfit_beside_zero(with_rest) <= _AS_GOOD**2 * _misfit_beside_zero(one_way) or is_rounding(with_rest)
+    as_good = _misfit_beside_zero(with_rest) <= _AS_GOOD**2 * _misfit_beside_zero(one_way) or is_rounding(
+        with_rest
+    )
     drifts = not (is_usual(with_rest) and as_good)
     # Nor does a shaft that came to rest say that nothing holds it: a constant that were no friction would go on acting.
     rested = begins or idle or (_stands(data) and not turns_both_ways(data))

@@ -297,7 +297,12 @@ def cost_beside_zero(record: Dataset, residual: Array) -> float:
     shaft rests, with a delay in place of what holds the shaft.
     """
     squares, first = float(residual @ residual), record.first_motion
-    if record.kind != "speed" or first is None or len(residual) != len(record.y) or not rests_at_first(record):
+    if (
+        record.kind != "speed"
+        or first is None
+        or len(residual) != len(record.y)
+        or not rests_at_first(record)
+    ):
         return squares
     zero = residual[record.t_output < first.effect]
     return squares - float(zero.sum()) ** 2 / max(len(zero), 1)

@@ -209,8 +209,8 @@ def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: DelayP
 
     Nothing is held where a delay ends at its bound, which allows for columns out of step and is no place where motors are. As
     the truth lies within the bounds, the bound brings the estimate no farther from it, measured by H (a projection onto a convex
-    set): the covariance of a free delay is enough, that of a held one would take the bound for the delay. Nor is friction held where
-    the data show hardly more than what gain and friction make together of one level.
+    set): the covariance of a free delay is enough, that of a held one would take the bound for the delay. Nor is friction
+    held where the data show hardly more than what gain and friction make together of one level.
     """
     squares = square_jacobians(layout, minimum.predictions)
     h = information(layout, squares)

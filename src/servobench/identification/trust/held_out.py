@@ -167,10 +167,9 @@ def _not_validated(fit: Fit) -> Finding:
     remedy = "Record a second run, or an input that changes more often."
     if fit.disturbance is None or fit.fit_percent > _BY_TORQUE or _leaves_noise(fit):
         return info("not-validated", f"The model {why}. {remedy}")
-    left = plain(100.0 - fit.fit_percent, 2)
-    sentence = (
-        f"The model takes the {left} % of the output that it misses for a random torque, and {why}. {remedy}"
-    )
+    missed = f"the {plain(100.0 - fit.fit_percent, 2)} % of the output that it misses"
+    what = missed if fit.fit_percent > 0.0 else "all of the output"
+    sentence = f"The model takes {what} for a random torque, and {why}. {remedy}"
     return warning("not-validated", sentence)
 
 

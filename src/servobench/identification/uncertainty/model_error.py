@@ -297,7 +297,7 @@ def _cuts(record: FittedRecord) -> list[int]:
 
 
 def _least_jump(u: Array) -> float:
-    """What an input (N,) has to jump by for an event: of its range, and more than a supply that gives way under a step sags by."""
+    """What an input (N,) has to jump by for an event: a part of its range, and more than a supply sags by under a step."""
     largest = float(np.abs(u).max(initial=0.0))
     driving = np.abs(u)[np.abs(u) >= _LEVEL * largest]
     sags = float(np.ptp(driving)) if len(driving) else 0.0

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.core.finding import Finding, refusal, warning
+from servobench.core.finding import Finding, info, refusal, warning
+from servobench.core.rounding import with_unit
 from servobench.core.units import unit as unit_named
 from servobench.recordings.measurement.column import Column
 from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrap
@@ -18,6 +19,7 @@ from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrap
 _USUAL_BITS = (8, 10, 12, 14, 16, 24, 32)
 _ALL = 0.9  # of the range: a jump back to where the sensor begins
 _GRADUAL = 0.3  # of the range: more from row to row, and a swing looks like a jump
+_FAST = 0.02  # of the modulus, from row to row: what is always slower is far from the limit
 _SIDES = 2  # steps on either side of a jump that go the other way
 
 
@@ -35,6 +37,8 @@ def without_wraps(column: Column, stage: Unwrap) -> tuple[Column, list[Finding]]
         *_ambiguous_steps(column, stage, unwrapping),
         *_wraps_in_a_longer_range(column, stage, unwrapping),
     ]
+    if not doubts:
+        doubts = _fastest_unwrapped(column, stage, unwrapping)
     return replace(column, x=unwrapping.count), doubts
 
 
@@ -61,6 +65,19 @@ def _wraps_in_a_longer_range(column: Column, stage: Unwrap, unwrapping: Unwrappe
         f"were unwrapped, the first in row {jumps[0]}; check the modulus."
     )
     return [warning("unwrap-out-of-range", sentence, rows=(int(jumps[0]), int(jumps[-1])))]
+
+
+def _fastest_unwrapped(column: Column, stage: Unwrap, unwrapping: Unwrapped) -> list[Finding]:
+    """Up to which speed a wrapped column can be unwrapped: a faster one looks like a slower one, also the other way."""
+    if not unwrapping.wrap.any() or np.abs(unwrapping.delta).max() < _FAST * stage.si_modulus:
+        return []
+    step = float(np.median(np.diff(column.t)))
+    sentence = (
+        f"`{stage}` is right as long as {column.name!r} moves by less than half of that from row to row, "
+        f"{with_unit(step, 's', 3)}: at less than {with_unit(0.5 * stage.si_modulus / step, f'{column.unit}/s', 3)}. These rows "
+        "can't show a faster motion, which would look like a slower one."
+    )
+    return [info("unwrap-limit", sentence)]
 
 
 def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]:

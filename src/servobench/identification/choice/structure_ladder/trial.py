@@ -28,6 +28,7 @@ from servobench.recordings.measurement.dataset import Dataset
 _TWO_COMPONENTS = 2.448  # standard deviations: √χ² of two degrees of freedom that chance exceeds in 5 of 100
 _LITTLE = 0.1  # of twice the logarithm of a likelihood, of which a rung needs 15 and more
 _CHANCE = 0.05  # of the runs without a term, in which it seems likely enough to be worth a word
+_AT_LIMIT = "it drives a parameter to the limit of its range"
 _WITH_WINDING = {
     "first_order": "second_order",
     "first_order_coulomb": "second_order_coulomb",
@@ -113,6 +114,10 @@ def try_rung(
     except NotIdentifiable as error:
         return Rung(term=term, plain=plain, fit=fit, doubt=str(error))
     doubt, hidden = _doubt(term, is_significant, richer, allowed, fit), None
+    if not doubt and _at_the_edge(
+        allowed, fit
+    ):  # beside a random torque, of which little is left for the term
+        doubt = _AT_LIMIT
     if not doubt:
         doubt, hidden = feedback_refusal(term, allowed, fit)
     return Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
@@ -128,7 +133,7 @@ def _early_doubt(term: str, is_significant: bool, richer: Fit, plain: Fit, fit: 
     """The reason against a rung that shows before a disturbance of the motor is allowed for; empty if there is none."""
     doubt = _doubt(term, is_significant, richer, richer, fit)
     if not doubt and _at_the_edge(richer, plain):
-        doubt = "it drives a parameter to the limit of its range"
+        doubt = _AT_LIMIT
     if not doubt and not explains_the_colour(richer):
         doubt = _doubt(term, is_significant, richer, _copy_allowance(richer, plain, fit), fit)
     return doubt

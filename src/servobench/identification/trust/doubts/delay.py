@@ -79,9 +79,9 @@ def _between_rows(whole: float, step: float) -> Finding:
 def _within_row(lag: float) -> Finding:
     """What to say of a delay that is surely below zero, by no more than rows may be out of step with each other."""
     sentence = (
-        f"The output comes {with_unit(-lag, 's', 2)} before the row of the input that causes it, less than a row: each row is "
-        "written a little after its input acts, or its speed belongs to a later moment than its input. The motor has no such delay; "
-        "what it has is hidden in these times."
+        f"The output comes {with_unit(-lag, 's', 2)} before the row of the input that causes it, by less than a row: each row is "
+        "written a little after its input acts, or its output belongs to a later moment than its input. That is no property of "
+        "the motor; the delay that it may have is hidden in these times."
     )
     return info("delay-within-row", sentence, parameters=("delay",))
 

@@ -64,7 +64,9 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
     if not still or len(still) == len(records):
         return findings
     # Files of one motor at many levels: at the lowest of them it stays where it is, and the others need no such file.
-    return [replace(f, sentence=f"{f.sentence} Leave this recording out.") if f in still else f for f in findings]
+    return [
+        replace(f, sentence=f"{f.sentence} Leave this recording out.") if f in still else f for f in findings
+    ]
 
 
 def _turns_evenly(data: Dataset, quantum: float) -> bool:
@@ -101,9 +103,9 @@ def _of(data: Dataset) -> list[Finding]:
         low, high = plain(data.u.min(), 3), plain(data.u.max(), 3)
         goes = f"is {high}" if low == high else f"goes from {low} to {high}"
         sentence = (
-            f"{data.name}: the output doesn't move, although the input {goes} {data.input_unit}: that is less than it takes to "
-            "overcome friction, the shaft is blocked, the amplifier is off, the sensor belongs to another motor, or the motion was "
-            "smaller than one step of the sensor."
+            f"{data.name}: the output doesn't move, although the input {goes} {data.input_unit}: friction holds the shaft, it is "
+            "blocked, the amplifier is off, the sensor belongs to another motor, or the motion was smaller than one step of the "
+            "sensor."
         )
         return [refusal("output-still", sentence)]
     if _turns_evenly(data, quantum):
