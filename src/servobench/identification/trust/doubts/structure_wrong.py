@@ -42,9 +42,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
     sentence = (
         f"A first-order motor is the wrong structure for these data: it misses {missed:.0f} % of "
         "the output, which neither the sensor's rounding nor a random torque explains. Something "
-        "else moves with the shaft (a pendulum, a spring, a second motor) or acts before it "
-        "(hysteresis, a limit): record the motor alone, or try another structure with "
-        "`structure=...`."
+        "else moves with the shaft (a pendulum, a spring, a second motor), acts before it "
+        "(hysteresis, a limit), or makes it stick and slip near rest: record the motor alone and "
+        "faster, or try another structure with `structure=...`."
     )
     return [warning("structure-wrong", sentence, parameters=("gain", "time_constant"))]
 
