@@ -51,7 +51,7 @@ def _gets_to_speed(record: Dataset) -> bool:
     """Whether the shaft gets to its speed while the record lasts, and is steady in its last half."""
     if len(record.y) < _FEWEST:
         return False
-    return _falls_behind(record) if record.kind == "position" else _is_slower(record)
+    return _is_slower(record) or (record.kind == "position" and _falls_behind(record))
 
 
 def _falls_behind(record: Dataset) -> bool:
