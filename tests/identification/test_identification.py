@@ -58,8 +58,8 @@ def test_an_input_that_never_changes_is_refused() -> None:
 def test_a_start_under_one_level_is_seen_though_the_wheel_wobbles_at_speed() -> None:
     """A robot's wheel under 7 V from its first row on: 19 rad/s, reached in 0.15 s, give or take an eighth as it turns.
 
-    The wobble of 0.7 rad (one deviation) about the line of the second half hid that the position begins 2.9 rad ahead of it: five times as much
-    was asked for. The mean of the second half is what the speed under that level is.
+    The wobble of 0.7 rad (one deviation) about the line of the second half hid that the position begins 2.9 rad ahead of it: five
+    times as much was asked for. The mean of the second half is what the speed under that level is.
     """
     t = 0.05 * np.arange(88)
     angle = 19.0 * (t - 0.15 * (1.0 - np.exp(-t / 0.15))) + 1.0 * np.sin(2.4 * t) * (1.0 - np.exp(-t / 0.5))

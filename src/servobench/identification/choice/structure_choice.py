@@ -40,7 +40,7 @@ from servobench.identification.choice.structure_ladder.trial import (
 )
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import cost_beside_zero, is_usual
-from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.least_squares import lowest, minimise
 from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.common_parameters import TIME_CONSTANT
@@ -65,6 +65,7 @@ _REST = "rest-found"
 _STICKS = "first_order_coulomb_stribeck"
 _BREAKS_AWAY = 0.5  # of the residual without: what is left where the shaft breaks away
 _SLOW = 0.05  # of a ramp's time: a longer lag bends it
+_BENDS = 1.4  # times the residual of a lag that is as long as the ramp: what it explains may be any bend
 _FEW = 400  # samples, of which a search for that takes a tenth of a second
 _GRADUAL = 0.05  # of all of a ramp, from sample to sample
 _ONE_WAY = 0.9  # of the input's changes
@@ -317,6 +318,7 @@ def _friction_vanished() -> Finding:
 
 def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
     """The base for a motor that turned one way: the simple one, or that of a shaft that friction holds where it also stood."""
+    one_way = _with_short_lag(method, data, one_way)
     simple = _Base(fit=one_way, fits={one_way.structure: one_way})
     begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
     stands = any(stands_at_first(record) for record in data)
@@ -353,6 +355,33 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
         sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
     finding = info(_REST, sentence, parameters=("coulomb_voltage",))
     return _with_breakaway(method, data, _Base(fit=with_rest, findings=(finding,), fits=fits))
+
+
+def _with_short_lag(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> Fit:
+    """The fit, or on ramps whose bend was taken for a lag of a good part of their time, the minimum nearby with a shorter one.
+
+    A motor without friction, whose lag never ends, is bent as a ramp is that begins with static friction or ends at a limit. It
+    says nothing of the gain, which a ramp shows whatever the lag is.
+    """
+    slow = _SLOW * max(record.duration for record in data)
+    if not all(map(_ramps, data)) or one_way.model["time_constant"] < slow:
+        return one_way
+    structure = one_way.model.structure
+    names = one_way.model.names
+    u, speed = [record.input_at_output for record in data], [smooth_speed(record) for record in data]
+    gain, at_none = np.polyfit(np.concatenate(u), np.concatenate(speed), 1)
+    step = max(record.sample_time for record in data)
+    guess = {"gain": gain, "time_constant": 2.0 * step, "coulomb_voltage": -at_none / gain, "delay": step}
+    start = np.concatenate(
+        [[guess[name] for name in names], *(record.nuisance for record in one_way.records)]
+    )
+    free = np.arange(len(start)) != names.index("time_constant")
+    nearest = lowest(structure, data, (minimise(structure, data, start, free).theta,))
+    if nearest.theta[names.index("time_constant")] > slow:
+        return one_way
+    short = method.fit(structure, data, (nearest.theta,))
+    is_as_good = short.residual_sd <= _BENDS * one_way.residual_sd
+    return short if short.model["time_constant"] < slow and is_as_good else one_way
 
 
 def _misfit_beside_zero(fit: Fit) -> float:

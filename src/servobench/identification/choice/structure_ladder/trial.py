@@ -15,6 +15,7 @@ from servobench.core.rounding import plain as number
 from servobench.identification.choice.structure_ladder.comparison import deviance, shifts_parameters, worth_it
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.covariance import effective_samples
+from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.estimators.least_squares import lowest
 from servobench.identification.estimators.output_error import fit_minimum_roughly
 from servobench.identification.models.base import STRUCTURES, Structure
@@ -26,6 +27,7 @@ from servobench.identification.uncertainty.score_test import LIMIT
 from servobench.recordings.measurement.dataset import Dataset
 
 _TWO_COMPONENTS = 2.448  # standard deviations: √χ² of two degrees of freedom that chance exceeds in 5 of 100
+_SELDOM = 2.0  # % of the samples, of which a few may be wrong
 _LITTLE = 0.1  # of twice the logarithm of a likelihood, of which a rung needs 15 and more
 _CHANCE = 0.05  # of the runs without a term, in which it seems likely enough to be worth a word
 _AT_LIMIT = "it drives a parameter to the limit of its range"
@@ -162,10 +164,20 @@ def _doubt(term: str, is_significant: bool, richer: Fit, allowed: Fit, fit: Fit)
         return "gain and time constant could no longer be determined"
     if friction_drives(allowed):
         return "friction would drive the motor"
+    if not is_usual(allowed) and is_usual(fit):
+        return "it takes a delay that is rare"
+    if term == "stribeck" and _is_never_slow(allowed):
+        return "the shaft never turns as slowly as such a friction takes"
     value, sd = amount(term, allowed)
     if not sd < 0.5 * value and not (is_significant and shifts_parameters(allowed, fit)):
         return f"its size isn't significantly different from zero ({number(value, 2)} ± {number(TWO_SIDED * sd, 1)})"
     return ""
+
+
+def _is_never_slow(fit: Fit) -> bool:
+    """Whether the shaft turns faster all the time than the speed over which friction falls: what it does there isn't seen."""
+    speeds = np.concatenate([np.abs(smooth_speed(record.data)) for record in fit.records])
+    return bool(np.percentile(speeds, _SELDOM) > fit.model["stribeck_speed"])
 
 
 def friction_drives(fit: Fit) -> bool:
