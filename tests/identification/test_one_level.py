@@ -135,6 +135,10 @@ def test_a_delay_that_may_be_none_is_not_in_the_equation() -> None:
         answer = replace(result.answers["delay"], state=state)
         shown = "e^" in replace(sure, answers={**result.answers, "delay": answer}).equation
         assert shown == (state in {State.KNOWN, State.COMBINATION})
+    open_lag = replace(result.answers["time_constant"], state=State.BOUNDED)
+    known = replace(result.answers["delay"], state=State.KNOWN)
+    beside = replace(sure, answers={**result.answers, "delay": known, "time_constant": open_lag})
+    assert "(τ s + 1) · e^(-1e-05 s), τ isn't known" in beside.equation
 
 
 def test_a_gain_that_is_known_stands_in_the_equation() -> None:

@@ -197,7 +197,8 @@ class Result:
             return f"G(s) = {system}, in {system.unit}"
         above, _, rest = str(system).partition(" / ")
         verb = "isn't" if len(letters) == 1 else "aren't"
-        text = f"{'K' if 'K' in letters else above} / {'(τ s + 1)' if 'τ' in letters else rest}"
+        pole, dot, lag = rest.partition(" · ")
+        text = f"{'K' if 'K' in letters else above} / {'(τ s + 1)' if 'τ' in letters else pole}{dot}{lag}"
         return f"G(s) = {text}, {' and '.join(letters)} {verb} known, in {system.unit}"
 
     @property

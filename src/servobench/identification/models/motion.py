@@ -128,9 +128,14 @@ def check_moves(data: Dataset, parameters: int) -> None:
             f"{data.name}: {len(data.y)} samples of the output; at least {needed} are needed: record for longer"
         )
     if np.ptp(data.y) == 0:
+        why = (
+            "friction holds the shaft, it was blocked, the encoder isn't connected, or it's the wrong column"
+            if data.u.any()
+            else "nothing drives the motor, as the input is zero"
+        )
         raise NotIdentifiable(
-            f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the shaft was blocked, "
-            "the encoder isn't connected, or it's the wrong column; leave this record out, or record the motor while it turns"
+            f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: {why}; leave this record out, or "
+            "record the motor while it turns"
         )
 
 

@@ -15,6 +15,7 @@ from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.least_squares import NormalEquations, jacobian_and_residual, lowest
 from servobench.identification.models.base import as_protocol
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.feedback import answers_to_output
 
 # Of a shaft that carries its load by a spring, the zeros lead: a fast pole and a delay of minus its time constant together follow
 # the input at once. Their sum says when the output begins.
@@ -22,6 +23,7 @@ _LAGS = ("delay", "electrical_time_constant")
 _CHANGES_ALL_THE_TIME = 0.5  # of the rows
 _ROWS = np.array([3.0, 6.0, 12.0, 24.0, 48.0])  # by which the input may be late
 _PART = 0.1  # of a record
+_LEFT = 0.6  # of the squared residuals may be left
 _LIKELIER = 20.0  # in twice the logarithm of a likelihood: five places that are tried reach it by chance once in a thousand
 _SEEN = 0.1  # of a sample time: what is less nobody looks for
 _OUT_OF_STEP = 0.6  # of a sample time: a speed that was differenced ahead of its row comes half of one early
@@ -119,25 +121,29 @@ def _earlier_still(fit: Fit) -> float:
     The search of a delay ends at two rows, and a friction that holds the shaft, or a lag of nothing, takes the place of the rest.
     """
     records, structure = [record.data for record in fit.records], fit.model.structure
-    if as_protocol(structure, NormalEquations) is None:
-        return 0.0
+    if as_protocol(structure, NormalEquations) is None or any(
+        r.closed_loop or answers_to_output(r) for r in records
+    ):
+        return 0.0  # in a loop the input follows the output, too
     step, longest = max(r.sample_time for r in records), _PART * min(r.duration for r in records)
     cost, ahead = sum(float(np.sum(r.residual[r.valid] ** 2)) for r in fit.records), 0.0
     before, worth = cost, 0.0
     for shift in step * _ROWS[step * _ROWS < longest]:
         shifted = [replace(r, t_input=r.t_input - shift, reference=None) for r in records]
         try:
-            found = lowest(structure, shifted, structure.guesses(shifted))
+            minimum = lowest(structure, shifted, structure.guesses(shifted))
         except NotIdentifiable:
             continue
-        delay = float(found.theta[fit.model.names.index("delay")])
-        if found.cost < cost:
-            cost, ahead = found.cost, float(shift) - delay
+        delay = float(minimum.theta[fit.model.names.index("delay")])
+        if minimum.cost < cost:
+            cost, ahead = minimum.cost, float(shift) - delay
             residuals = [
-                jacobian_and_residual(*each)[1] for each in zip(shifted, found.predictions, strict=True)
+                jacobian_and_residual(*each)[1] for each in zip(shifted, minimum.predictions, strict=True)
             ]
             worth = sum(map(effective_samples, residuals))
-    is_clear = worth * float(np.log(before / max(cost, np.finfo(float).tiny))) > _LIKELIER
+    is_clear = (
+        cost < _LEFT * before and worth * float(np.log(before / max(cost, np.finfo(float).tiny))) > _LIKELIER
+    )
     return ahead if is_clear and ahead > _ROWS[0] * step else 0.0
 
 

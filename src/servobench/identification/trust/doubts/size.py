@@ -21,6 +21,7 @@ _FASTEST = 3500.0  # rad/s, 33,000 rpm: small motors with an encoder reach it; a
 _VOLTAGES = (0.05, 1000.0)  # V: less moves no motor, more is for locomotives
 _SLOWEST = 30.0  # s: a time constant of half a minute is a flywheel's
 _RARELY = 0.5  # s between samples
+_VAGUELY = 1.5  # times: so far an interval may reach whose middle is too short
 _QUICKEST = 5e-4  # s: the smallest motors without iron take a millisecond to get up to speed
 
 
@@ -95,7 +96,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if "time_constant" not in fit.model.names:
         return []
     tau = fit["time_constant"]
-    if tau.interval[1] < _QUICKEST:
+    if tau.interval[1] < _QUICKEST or (tau.value < _QUICKEST and tau.interval[1] < _VAGUELY * _QUICKEST):
         sentence = (
             f"The time constant comes out below {with_unit(tau.interval[1], 's', 2)}, too short for any motor: seconds may have "
             "been read as milliseconds. Check the unit of the times: `time=COL:s` for a column, or seconds for arrays."
