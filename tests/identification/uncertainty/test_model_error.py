@@ -96,6 +96,14 @@ def test_a_supply_that_gives_way_under_a_step_makes_no_further_event_of_it() -> 
     assert found.shares["gain"] == 1
 
 
+def test_small_steps_to_and_fro_are_events_each() -> None:
+    u = np.repeat([2.0, 1.8] * 5, 200)
+    found = model_error(fitted(dataset(seed=1, u=u, samples=len(u)).part(0.4, 4.0)))
+
+    assert found is not None
+    assert found.events["gain"] > 4
+
+
 def with_small_steps(second: float) -> Dataset:
     """The step from 1 to 2 V, and 2 s later one to `second` volt, and back after another 2 s."""
     u = np.repeat([1.0, 2.0, second, 2.0], 1000)

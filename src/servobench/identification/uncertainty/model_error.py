@@ -300,8 +300,11 @@ def _least_jump(u: Array) -> float:
     """What an input (N,) has to jump by for an event: a part of its range, and more than a supply sags by under a step."""
     largest = float(np.abs(u).max(initial=0.0))
     driving = np.abs(u)[np.abs(u) >= _LEVEL * largest]
-    sags = float(np.ptp(driving)) if len(driving) else 0.0
-    return max(_JUMP * float(np.ptp(u)), sags if sags <= _SAGS * largest else 0.0)
+    span, sags = float(np.ptp(u)), float(np.ptp(driving)) if len(driving) else 0.0
+    is_switched = (
+        sags <= _SAGS * largest and span > 2.0 * sags
+    )  # to and fro beside a level is no supply's doing
+    return max(_JUMP * span, sags if is_switched else 0.0)
 
 
 def _jumps(u: Array, least: float) -> NDArray[np.int64]:
