@@ -117,7 +117,9 @@ def test_the_recording_says_its_counters_width_so_that_a_measurement_unwraps_it(
     assert recording["counts"].channel.counter_bits == bits
     dataset = measure(recording)
     assert np.array_equal(dataset.y - dataset.y[0], counts - counts[0])
-    assert [finding.code for finding in dataset.findings if finding.code.startswith("unwrap")] == []
+    # 9,000 counts a tick are a seventh of 16 bits, near enough for a word on the fastest that these can show.
+    said = [finding.code for finding in dataset.findings if finding.code.startswith("unwrap")]
+    assert said == (["unwrap-limit"] if bits == 16 else [])
 
 
 def test_a_wide_counter_seen_through_a_narrow_one_wraps_at_both() -> None:
