@@ -66,6 +66,7 @@ _STICKS = "first_order_coulomb_stribeck"
 _BREAKS_AWAY = 0.5  # of the residual without: what is left where the shaft breaks away
 _SLOW = 0.05  # of a ramp's time: a longer lag bends it
 _BENDS = 1.4  # times the residual of a lag that is as long as the ramp: what it explains may be any bend
+_NONE = 0.1  # of a sample time: no lag at all
 _FEW = 400  # samples, of which a search for that takes a tenth of a second
 _GRADUAL = 0.05  # of all of a ramp, from sample to sample
 _ONE_WAY = 0.9  # of the input's changes
@@ -381,7 +382,8 @@ def _with_short_lag(method: Estimator, data: Sequence[Dataset], one_way: Fit) ->
         return one_way
     short = method.fit(structure, data, (nearest.theta,))
     is_as_good = short.residual_sd <= _BENDS * one_way.residual_sd
-    return short if short.model["time_constant"] < slow and is_as_good else one_way
+    # One that vanishes has no place beside the delay, whose interval would be that of nothing but the search.
+    return short if _NONE * step < short.model["time_constant"] < slow and is_as_good else one_way
 
 
 def _misfit_beside_zero(fit: Fit) -> float:
