@@ -24,14 +24,12 @@ def mark_listed(items: Iterable[pytest.Item], named: Iterable[str]) -> None:
     found: set[str] = set()
     files: set[str] = set()
     for item in items:
-        file, _, name = item.nodeid.partition("::")
+        file = item.nodeid.partition("::")[0]
         files.add(file)
-        if file not in FILES:
-            continue
-        for line in LISTED:
-            if _stands_for(line, f"{file}::{name}"):
-                found.add(line)
-                item.add_marker(pytest.mark.long)
+        lines = [line for line in LISTED if file in FILES and _stands_for(line, item.nodeid)]
+        if lines:
+            found.update(lines)
+            item.add_marker(pytest.mark.long)
     if any("::" in each for each in named):
         return
     if stale := [line for line in LISTED if line.partition("::")[0] in files and line not in found]:

@@ -9,6 +9,7 @@ import pytest
 
 from servobench.core.channels import Channel
 from servobench.identification.identify import identify
+from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.measure import measure
 from servobench.recordings.recording import Recording, Series, Source
 from tests.datasets import QUANTUM, dataset, prbs
@@ -115,6 +116,18 @@ def test_a_staircase_whose_first_level_moves_nothing_has_friction_and_no_delay_o
     assert abs(fit["delay"].value) < 0.1 * step
 
 
+def of_speed(t: np.ndarray, u: np.ndarray, speed: np.ndarray) -> Dataset:
+    """A record of voltages [V] and measured speeds [rad/s] at times t [s], all (N,)."""
+    columns = (
+        Series(channel=Channel(name="u", unit="V"), values=u, t=t),
+        Series(channel=Channel(name="speed", unit="rad/s"), values=speed, t=t),
+    )
+    source = Source(name="speeds")
+    return measure(
+        Recording(name="speeds", series=columns, input="u", output="speed", source=source, chain="none")
+    )
+
+
 def test_what_a_tachometer_shows_at_rest_is_no_evidence_of_a_delay_before_a_ramp() -> None:
     """A ramp from rest with a friction of 0.64 V: delay and friction do the same, but for 0.5 rad/s that the tachometer shows.
 
@@ -128,14 +141,7 @@ def test_what_a_tachometer_shows_at_rest_is_no_evidence_of_a_delay_before_a_ramp
     random = np.random.default_rng(2)
     zero = np.where(random.random(samples) < 0.7, 1.05, 0.0)  # a converter's last digit
     speed = np.where(speed == 0.0, zero, speed + random.normal(0.0, 0.2, samples))
-    columns = (
-        Series(channel=Channel(name="u", unit="V"), values=u, t=t),
-        Series(channel=Channel(name="speed", unit="rad/s"), values=speed, t=t),
-    )
-    recording = Recording(
-        name="ramp", series=columns, input="u", output="speed", source=Source(name="ramp"), chain="none"
-    )
-    result = identify(measure(recording))
+    result = identify(of_speed(t, u, speed))
     assert abs(result.answers["gain"].estimate.value / GAIN - 1) < 0.02
     delay = result.answers["delay"]
     assert delay.state != "known" or delay.estimate.interval[0] < step
@@ -152,14 +158,7 @@ def test_a_ramp_that_bends_a_little_shows_the_gain_and_no_lag_of_half_a_minute(
     t = 0.05 * np.arange(240)
     u = 2.0 + t / 3.0
     speed = 22.0 * (u - 0.7) - bend * (u - 2.0) ** 2 + np.random.default_rng(seed).normal(0.0, 4.0, len(t))
-    columns = (
-        Series(channel=Channel(name="u", unit="V"), values=u, t=t),
-        Series(channel=Channel(name="speed", unit="rad/s"), values=speed, t=t),
-    )
-    recording = Recording(
-        name="ramp", series=columns, input="u", output="speed", source=Source(name="ramp"), chain="none"
-    )
-    gain = identify(measure(recording)).answers["gain"]
+    gain = identify(of_speed(t, u, speed)).answers["gain"]
     slope = float(np.polyfit(u, speed, 1)[0])
     assert gain.state == "known"
     assert gain.estimate.interval[0] < slope < gain.estimate.interval[1]
@@ -177,15 +176,7 @@ def test_an_input_that_is_logged_long_after_it_acted_is_misaligned_and_no_motor_
     speed = np.gradient(march(motor, u, 0.01, step=1e-5)[:, 2], 0.01)
 
     def codes(shown: np.ndarray) -> set[str]:
-        columns = (
-            Series(channel=Channel(name="u", unit="V"), values=shown, t=t),
-            Series(channel=Channel(name="speed", unit="rad/s"), values=speed, t=t),
-        )
-        source = Source(name="stairs")
-        recording = Recording(
-            name="stairs", series=columns, input="u", output="speed", source=source, chain="none"
-        )
-        return {finding.code for finding in identify(measure(recording)).findings}
+        return {finding.code for finding in identify(of_speed(t, shown, speed)).findings}
 
     assert "delay-negative" in codes(np.concatenate([np.zeros(late), u[:-late]]))
     assert "delay-negative" not in codes(u)

@@ -334,9 +334,8 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     fits = {each.structure: each for each in (one_way, with_rest)}
     # Something holds a shaft that rests when the record begins; a model without it would use a delay or an offset instead, and
     # follow the rounding of the rest besides. What is as good, or as rounding, is no worse.
-    as_good = _misfit_beside_zero(with_rest) <= _AS_GOOD**2 * _misfit_beside_zero(one_way) or is_rounding(
-        with_rest
-    )
+    left, left_without = map(_misfit_beside_zero, (with_rest, one_way))
+    as_good = left <= _AS_GOOD**2 * left_without or is_rounding(with_rest)
     drifts = not (is_usual(with_rest) and as_good)
     # Nor does a shaft that came to rest say that nothing holds it: a constant that were no friction would go on acting.
     rested = begins or idle or (_stands(data) and not turns_both_ways(data))
@@ -515,13 +514,12 @@ def _climb(
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
     base, fit = _allow_with_friction(base, allow)
     here, refused = _of_base(base, fit, causes), dict[str, Rung]()
-    shown = here.shown
     if base.sliding is not None:
         below = _of_base(base.sliding, allow(base.sliding.fit), causes)
         return replace(here, rung=Rung(term="stribeck", plain=base.fit, fit=fit, doubt=""), below=below)
     if any(finding.code == _REST for finding in base.findings):
         return here  # the data determine nothing more about its friction
-    if _candidate_terms(shown, fit) and _is_damaged(causes, fit):
+    if _candidate_terms(here.shown, fit) and _is_damaged(causes, fit):
         return here
     for _ in range(_RUNGS):
         terms = [

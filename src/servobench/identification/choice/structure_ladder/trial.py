@@ -116,9 +116,8 @@ def try_rung(
     except NotIdentifiable as error:
         return Rung(term=term, plain=plain, fit=fit, doubt=str(error))
     doubt, hidden = _doubt(term, is_significant, richer, allowed, fit), None
-    if not doubt and _at_the_edge(
-        allowed, fit
-    ):  # beside a random torque, of which little is left for the term
+    # A random torque may have left little for the term.
+    if not doubt and _at_the_edge(allowed, fit):
         doubt = _AT_LIMIT
     if not doubt:
         doubt, hidden = feedback_refusal(term, allowed, fit)

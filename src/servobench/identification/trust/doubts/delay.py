@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -126,25 +127,19 @@ def _earlier_still(fit: Fit) -> float:
     ):
         return 0.0  # in a loop the input follows the output, too
     step, longest = max(r.sample_time for r in records), _PART * min(r.duration for r in records)
-    cost, ahead = sum(float(np.sum(r.residual[r.valid] ** 2)) for r in fit.records), 0.0
-    before, worth = cost, 0.0
-    for shift in step * _ROWS[step * _ROWS < longest]:
+    as_it_is = lowest(structure, records, structure.guesses(records))
+    trials = [(as_it_is, records, 0.0)]
+    for shift in (step * _ROWS[step * _ROWS < longest]).tolist():
         shifted = [replace(r, t_input=r.t_input - shift, reference=None) for r in records]
-        try:
-            minimum = lowest(structure, shifted, structure.guesses(shifted))
-        except NotIdentifiable:
-            continue
-        delay = float(minimum.theta[fit.model.names.index("delay")])
-        if minimum.cost < cost:
-            cost, ahead = minimum.cost, float(shift) - delay
-            residuals = [
-                jacobian_and_residual(*each)[1] for each in zip(shifted, minimum.predictions, strict=True)
-            ]
-            worth = sum(map(effective_samples, residuals))
-    is_clear = (
-        cost < _LEFT * before and worth * float(np.log(before / max(cost, np.finfo(float).tiny))) > _LIKELIER
-    )
-    return ahead if is_clear and ahead > _ROWS[0] * step else 0.0
+        with suppress(NotIdentifiable):  # an input that acts so early moves nothing in the record
+            trials.append((lowest(structure, shifted, structure.guesses(shifted)), shifted, shift))
+    best, shifted, shift = min(trials, key=lambda each: each[0].cost)
+    ahead = float(shift - best.theta[fit.model.names.index("delay")])
+    if best.cost >= _LEFT * as_it_is.cost or ahead <= _ROWS[0] * step:
+        return 0.0
+    residuals = (jacobian_and_residual(*each)[1] for each in zip(shifted, best.predictions, strict=True))
+    likelier = np.log(as_it_is.cost / max(best.cost, np.finfo(float).tiny))
+    return ahead if sum(map(effective_samples, residuals)) * likelier > _LIKELIER else 0.0
 
 
 DOUBTS.member("delay")(Doubt(codes=("delay-negative", "delay-within-row"), about_fit=_delay))

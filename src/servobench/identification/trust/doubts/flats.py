@@ -19,6 +19,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.recordings.measurement.dataset import Dataset
 
+_STILL = "output-still"
 _FEW = 3.0  # quanta: what moves less than that hasn't moved
 _TRAVELLED = 6.0  # times what steps that come and go by chance would travel
 _ZERO = 0.02  # of the largest speed: what a tachometer may show of a shaft that rests
@@ -60,12 +61,12 @@ class _Flat:
 
 def _about(records: Sequence[Dataset]) -> list[Finding]:
     findings = [finding for record in records for finding in _of(record)]
-    still = [finding for finding in findings if finding.code == "output-still"]
-    if not still or len(still) == len(records):
+    if sum(finding.code == _STILL for finding in findings) == len(records):
         return findings
     # Files of one motor at many levels: at the lowest of them it stays where it is, and the others need no such file.
     return [
-        replace(f, sentence=f"{f.sentence} Leave this recording out.") if f in still else f for f in findings
+        replace(each, sentence=f"{each.sentence} Leave this recording out.") if each.code == _STILL else each
+        for each in findings
     ]
 
 
@@ -88,7 +89,7 @@ def _even_motion(data: Dataset) -> Finding:
         f"input goes from {low} to {high} {data.input_unit}: the input and the output don't belong together, or something else "
         "drives the shaft."
     )
-    return refusal("output-still", sentence)
+    return refusal(_STILL, sentence)
 
 
 def _of(data: Dataset) -> list[Finding]:
@@ -107,7 +108,7 @@ def _of(data: Dataset) -> list[Finding]:
             "blocked, the amplifier is off, the sensor belongs to another motor, or the motion was smaller than one step of the "
             "sensor."
         )
-        return [refusal("output-still", sentence)]
+        return [refusal(_STILL, sentence)]
     if _turns_evenly(data, quantum):
         return [_even_motion(data)]
     flats = _flats(data, quantum)
@@ -415,5 +416,5 @@ def _flat_of(first: int, end: int, flats: list[_Flat]) -> _Flat | None:
 
 
 DOUBTS.member("flats")(
-    Doubt(codes=("motion-too-small", "output-still", "output-clipped", "output-stops"), about_data=_about)
+    Doubt(codes=("motion-too-small", _STILL, "output-clipped", "output-stops"), about_data=_about)
 )
