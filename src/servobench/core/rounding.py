@@ -179,8 +179,12 @@ def change_text(value: float, usual: float) -> str:
     ratio = value / usual if usual else 0.0
     if not ratio > 0:
         return "of the other sign"
+    if ratio >= 100:
+        return "more than a hundred times as large"
     if ratio >= 2:
         return f"{plain(ratio, 2)} times as large"
+    if ratio <= 0.01:
+        return "more than a hundred times smaller"
     if ratio < 0.1:
         return f"{plain(1 / ratio, 2)} times smaller"
     percent = 100 * abs(ratio - 1)

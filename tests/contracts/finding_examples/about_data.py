@@ -20,6 +20,7 @@ from servobench.recordings.recording import Recording
 from servobench.rig.motor.parameters import QUBE_SERVO_2
 from tests.contracts.finding_examples.base import TIME, Example, driven, sound
 from tests.datasets import QUANTUM, dataset
+from tests.identification.trust.test_input_cut_off import cut_off
 from tests.identification.trust.test_rest_to_state import RISING, begun
 from tests.recordings.measurement.test_measure import recording
 
@@ -287,6 +288,7 @@ EXAMPLES = (
     _example("moves-before-input", lambda: _stepped(25), lambda: _stepped(0)),
     _example("not-at-rest", lambda: _said_to_rest(50), lambda: _said_to_rest(0)),
     _example("output-clipped", _clipped, _square),
+    _example("input-cut-off", lambda: cut_off(2.0), lambda: cut_off(3.0)),
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),
     _example("output-stops", _blocked_late, sound),

@@ -20,6 +20,7 @@ from servobench.identification.design.assumed_motor import (
     from_result,
     from_result_file,
 )
+from servobench.identification.design.candidates import candidates
 from servobench.identification.design.foresight import foresee
 from servobench.identification.design.limits import DesignLimits, limit_use
 from servobench.identification.design.search import Design, best_design
@@ -55,6 +56,19 @@ def confined() -> Design:
     """A design that has to keep to all limits; a short one, as that is quicker."""
     limits = DesignLimits(voltage=10.0, current=1.0, speed=100.0, travel=40.0)
     return best_design(from_data_sheet("qube_servo_2"), limits, duration=4.0)
+
+
+@pytest.mark.parametrize("sample_time", [0.002, 0.001, 0.0005, 0.003])
+def test_a_time_in_an_experiment_is_written_as_a_person_would(sample_time: float) -> None:
+    made = [each.shape(3.0) for each in candidates(PLAIN, 20.0, sample_time)]
+    times = {each.bit_time for each in made if isinstance(each, PRBS)}
+
+    # 9 · 0.002 is 0.018000000000000002 in binary; whole samples of half a millisecond need four decimals.
+    assert len(times) > 3
+    assert all(
+        time == round(time, 4) and abs(time / sample_time - round(time / sample_time)) < 1e-9
+        for time in times
+    )
 
 
 def test_the_prediction_is_the_cramer_rao_bound_where_noise_is_white(bounds: ModuleType) -> None:

@@ -1,9 +1,13 @@
-"""A position that goes on from somewhere else."""
+"""A position, or a speed, that goes on from somewhere else."""
 
 import numpy as np
 import pytest
 
-from servobench.identification.trust.doubts.jumps import jumps
+from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.trust.doubts.jumps import jumps, seams
+from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
 
 T = np.arange(1000) * 0.002
@@ -20,6 +24,15 @@ def turning(**steps: float) -> np.ndarray:
 @pytest.mark.parametrize("size", [0.05, -0.05, 2 * np.pi, -2 * np.pi, 400.0])
 def test_a_slip_is_found_where_it_is(size: float) -> None:
     assert jumps(T, turning(at_400=size), QUANTUM).tolist() == [400]
+
+
+def test_a_value_that_was_read_a_row_late_is_no_jump() -> None:
+    """A sensor that is read each 20 ms into rows of 5 ms: one of its values stands a row later, and the next one in its own."""
+    at, late = 20.0 * 0.02 * np.arange(200), np.zeros(200)
+    late[[50, 120]] = 0.005
+    way = at + 0.0004 * np.random.default_rng(1).standard_normal(200)
+
+    assert not len(jumps(0.02 * np.arange(200) + late, way, 0.0))
 
 
 def test_several_are_found() -> None:
@@ -72,3 +85,45 @@ def test_a_sound_record_has_none(seed: int) -> None:
     data = dataset(seed=seed, kind="prbs", samples=2000)
 
     assert not len(jumps(data.t_output, data.y, QUANTUM))
+
+
+STEP, TAU = 0.005, 0.15
+
+
+def run(level: float, samples: int = 400) -> np.ndarray:
+    """A speed from rest under a level [V], 10 rad/s each volt, every 5 ms."""
+    return np.asarray(-10.0 * level * np.expm1(-STEP * np.arange(samples) / TAU))
+
+
+def speeds(y: np.ndarray, u: np.ndarray) -> Dataset:
+    noise = np.random.default_rng(1).normal(0.0, 0.05, len(y))
+    return dataset(seed=1, samples=len(y), sample_time=STEP, u=u, y=y + noise, chain="derivative")
+
+
+def seams_of(data: Dataset) -> list[int]:
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+    return seams(fit.records[0]).tolist()
+
+
+def test_runs_that_were_put_together_are_found_where_they_meet() -> None:
+    levels = (5.0, -5.0, 3.0)
+    pasted = speeds(np.concatenate([run(each) for each in levels]), np.repeat(levels, 400))
+
+    assert seams_of(pasted) == [399, 799]
+    assert "output-jumps" in {each.code for each in identify(pasted).findings}
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_one_run_through_the_same_levels_has_none_even_where_a_step_is_a_row_late(late: int) -> None:
+    u = np.repeat([0.0, 5.0, -5.0, 3.0], 400)
+    y, decay = np.zeros(len(u)), np.exp(-STEP / TAU)
+    for k in range(1, len(u)):
+        y[k] = 10.0 * u[k - 1] + decay * (y[k - 1] - 10.0 * u[k - 1])
+
+    assert seams_of(speeds(y, np.roll(u, late))) == []
+
+
+def test_a_motor_that_is_faster_than_its_rows_jumps_with_its_input() -> None:
+    u = np.repeat([0.0, 5.0, -5.0, 3.0], 400)
+
+    assert seams_of(speeds(10.0 * np.roll(u, 1), u)) == []

@@ -57,6 +57,25 @@ def test_neither_friction_nor_a_fan_is_that(settled: NDArray[np.float64]) -> Non
     assert not sentences(about_fit(fitted(speeds(LEVELS, settled), "first_order_one_way")))
 
 
+def ramp(settled: NDArray[np.float64]) -> Dataset:
+    """A ramp from -8 to 8 V in rows a second apart, each at the speed that the motor settles at."""
+    u = np.linspace(-8.0, 8.0, 103)
+    y = np.sign(u) * np.interp(np.abs(u), [0.0, *LEVELS], [0.0, *settled])
+    noise = 0.2 * np.random.default_rng(1).standard_normal(len(u))
+    return dataset(seed=1, samples=len(u), sample_time=1.0, u=u, y=y + noise, chain="derivative")
+
+
+def test_a_ramp_through_a_bend_shows_it_too() -> None:
+    settled = np.interp(LEVELS, [0.0, 1.9, 3.9, 8.0], [0.0, 0.0, 20.0, 24.0])
+
+    assert sentences(about_fit(fitted(ramp(settled), "first_order")))
+
+
+@pytest.mark.parametrize("lost", [0.0, 2.0])
+def test_a_ramp_of_a_motor_with_friction_is_straight_where_it_turns(lost: float) -> None:
+    assert not sentences(about_fit(fitted(ramp(5.0 * np.maximum(LEVELS - lost, 0.0)), "first_order")))
+
+
 def test_steps_from_rest_that_a_single_gain_can_t_have_are_doubtful_and_not_refused() -> None:
     """From rest, friction can't be negative: a model that keeps to that explains less than half."""
     levels = np.array([3.0, 5.0, 7.0, 9.0])

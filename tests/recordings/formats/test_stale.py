@@ -32,6 +32,15 @@ def test_the_age_is_in_the_time_that_uneven_rows_take_and_not_in_usual_steps() -
     assert "about every 8 rows (80 ms)" in found.sentence("y", times)
 
 
+def test_a_position_at_one_speed_is_stale_although_its_steps_are_alike() -> None:
+    """From rest to a speed at which a refresh finds the same way: many steps of its sensor, which showed single ones before."""
+    way = 5.0 * (T - 0.2 * -np.expm1(-T / 0.2))
+    counts = np.round(held(way, 4) * 2048)
+
+    assert stale(counts) is not None
+    assert stale(np.round(way * 40)) is None  # steps of one count are all that there is to see
+
+
 def test_a_coarse_encoder_is_not_stale() -> None:
     counts = np.floor(MOTION * 20)
     assert np.mean(np.diff(counts) != 0) < 0.5

@@ -68,6 +68,7 @@ _SLOW = 0.05  # of a ramp's time: a longer lag bends it
 _BENDS = 1.4  # times the residual of a lag that is as long as the ramp: what it explains may be any bend
 _NONE = 0.1  # of a sample time: no lag at all
 _FEW = 400  # samples, of which a search for that takes a tenth of a second
+_DRIVEN = 0.1  # of the largest input: what drives the motor, and isn't the offset of a measurement
 _GRADUAL = 0.05  # of all of a ramp, from sample to sample
 _ONE_WAY = 0.9  # of the input's changes
 _A_FEW = 0.02  # of the samples
@@ -527,7 +528,7 @@ def _climb(
             for term in _candidate_terms(here.shown, here.fit)
             if term not in refused
             and with_added_term(here.fit.structure, term)
-            and not (term == "asymmetric" and few_levels(data) is not None)  # they can't tell
+            and not (term == "asymmetric" and _can_not_tell_directions(data))
         ]
         significant = _significant_terms(here.shown)
         rungs = (
@@ -540,6 +541,17 @@ def _climb(
     hidden = [each.hidden for each in refused.values() if each.hidden]
     stop = stop_finding(here.fit, here.shown, refused)
     return replace(here, findings=(*here.findings, stop, *hidden))
+
+
+def _can_not_tell_directions(data: Sequence[Dataset]) -> bool:
+    """Whether nothing would show friction that differs by direction: an input that drives one way only, or under few levels.
+
+    A shaft that coasts in the other direction shows how the driver lets go, too.
+    """
+    u = np.concatenate([record.u for record in data])
+    driven = _DRIVEN * float(np.abs(u).max(initial=0.0))
+    drives_both_ways = min(np.mean(u > driven), np.mean(u < -driven)) >= _A_FEW
+    return few_levels(data) is not None or not drives_both_ways
 
 
 def _of_base(base: _Base, fit: Fit, causes: Causes) -> Choice:

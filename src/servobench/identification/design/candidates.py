@@ -41,7 +41,8 @@ class Candidate:
 
 def candidates(motor: AssumedMotor, duration: float, sample_time: float) -> Iterator[Candidate]:
     """Yield what there is to choose from for a motor, a duration [s] and a sample time [s]."""
-    dwells = sorted({_prime(dwell * motor.time_constant / sample_time) * sample_time for dwell in _DWELLS})
+    numbers = sorted({_prime(dwell * motor.time_constant / sample_time) for dwell in _DWELLS})
+    dwells = [_duration_of(number, sample_time) for number in numbers]
     for dwell in (dwell for dwell in dwells if 4 * dwell <= duration):
         order = min(max(math.ceil(math.log2(duration / dwell + 1)), 4), 12)
         for seed in (1, 2 ** (order - 1) + 1):
@@ -54,7 +55,7 @@ def candidates(motor: AssumedMotor, duration: float, sample_time: float) -> Iter
             yield Candidate(family="square, one way", shape=partial(_square, low, dwell, 0.0, motor))
         yield Candidate(family="square and PRBS", shape=partial(_both, dwell, order))
     for dwell in (duration / len(_STAIRS), duration / (2 * len(_STAIRS))):
-        steps = max(round(dwell / sample_time), 1) * sample_time
+        steps = _duration_of(max(round(dwell / sample_time), 1), sample_time)
         yield Candidate(family="staircase, both ways", shape=partial(_stairs, False, steps, motor))
         yield Candidate(family="staircase, one way", shape=partial(_stairs, True, steps, motor))
     yield from _multisines(motor, duration, sample_time)
@@ -74,6 +75,11 @@ def _multisines(motor: AssumedMotor, duration: float, sample_time: float) -> Ite
             yield Candidate(
                 family="multisine, one way", shape=partial(_multisine, 0.05, spacing, highest, random, motor)
             )
+
+
+def _duration_of(samples: int, sample_time: float) -> float:
+    """The duration of so many samples [s], as one would write it: 1009 samples of 2 ms are 2.018 s, not 2.0180000000000002 s."""
+    return float(f"{samples * sample_time:.15g}")
 
 
 def _prime(samples: float) -> int:

@@ -11,6 +11,7 @@ from servobench.core.channels import Array
 
 _SHARE = 0.5  # of the rows without a change, from which on values are said to be stale
 _ALIKE = 0.7  # of the changes by the same step, from which on that step counts as the sensor's own
+_ONE_STEP = 3.0  # times the smallest change: a larger one isn't the sensor's own step
 _FEWEST = 10  # changes that it takes to tell
 
 
@@ -35,15 +36,20 @@ def stale(values: Array) -> Stale | None:
     """Return how values (N,) are refreshed; None where they change in most rows, or there are too few changes to tell.
 
     None, too, where they mostly change by the same step: that is one count of an encoder, or one level of a converter, and there
-    was no more to see. The first tenth of the changes doesn't count, as it belongs to the slow beginning of a motion.
+    was no more to see. Several of its steps are a position at a constant speed. The first tenth of the changes doesn't count, as
+    it belongs to the slow beginning of a motion.
     """
     steps = np.abs(np.diff(values))
     changes = np.flatnonzero(steps > 0)
+    smallest = float(steps[changes].min(initial=np.inf))
     changes = changes[len(changes) // 10 :]
     if len(changes) < _FEWEST:
         return None
     share = (len(changes) - 1) / float(changes[-1] - changes[0])
-    alike = np.isclose(steps[changes], np.median(steps[changes]), rtol=0.01, atol=0.0).mean()
+    usual = float(np.median(steps[changes]))
+    alike = (
+        np.isclose(steps[changes], usual, rtol=0.01, atol=0.0).mean() if usual < _ONE_STEP * smallest else 0.0
+    )
     hold = float(np.median(np.diff(changes)))
     # What changes in every row of a motion, and rests in between, is fresh.
     return Stale(hold=hold, share=share) if share < _SHARE and hold >= 2.0 and alike <= _ALIKE else None

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from servobench.core.finding import Finding, info
 from servobench.recordings.formats.stale import fresh_rows, stale
 from servobench.recordings.measurement.column import Column
@@ -20,6 +22,10 @@ def drop_repeats(column: Column, findings: Sequence[Finding]) -> tuple[Column, l
     if how is None:
         return column, list(findings)
     rows = fresh_rows(column.x, how.hold)
+    if column.x[rows[0]] == column.x[0]:
+        rows = np.union1d(
+            0, rows
+        )  # what stands from the first row on was so then, too, however old the value is
     sentence = (
         f"{how.sentence(column.name, column.t)} Only the {len(rows)} of {len(column.x)} rows with a new value are "
         "used; the age of a new value becomes part of the delay."

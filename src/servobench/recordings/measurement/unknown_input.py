@@ -19,6 +19,8 @@ _LATE = 0.01  # s; the same for loops that sample fast
 
 _LEAST = 30  # samples that a record needs to spare some
 _DRIVEN = 0.02  # of the largest input: below that it is the offset of a measurement
+_PLAIN = 0.05  # of the speed that is reached: a motion that is plain to see
+_STANDS = 0.1  # of that: below it a shaft hasn't set off yet
 
 
 def without_unknown_input(data: Dataset) -> Dataset:
@@ -26,16 +28,21 @@ def without_unknown_input(data: Dataset) -> Dataset:
 
     So it is where the first row has an input already, which may have begun with that row or long before, where the shaft moves
     when the record begins, or sets off before the input changes. How long a delay may be nobody knows: four samples or 10 ms, but
-    at most a fiftieth of the samples beyond the four, are left out. Where the input never changes there is nothing to be mistaken
-    in, and a shaft that rests until it does was driven by nothing.
+    at most a fiftieth of the samples beyond the four, are left out, and all in which the shaft stands although its input is on.
+    A free start state has no such rest: it would take the rise for a slower one. Where the input never changes there is nothing
+    else to be mistaken in, and a shaft that rests until it does was driven by nothing.
     """
-    most = max(_UNKNOWN, len(data.y) // 50)
-    late = int(np.count_nonzero(data.t_output < data.t_output[0] + _LATE))
-    left_out = min(max(_UNKNOWN, late), most)
-    if not np.ptp(data.u) > 0 or len(data.y) < _LEAST:
-        return data
-    driven = abs(data.u[0]) > _DRIVEN * float(np.abs(data.u).max())
-    if not (driven or _moves_at_first(data, left_out) or _sets_off_unasked(data)):
+    left_out = rows_standing(data)
+    if np.ptp(data.u) > 0:
+        if len(data.y) < _LEAST:
+            return data
+        most = max(_UNKNOWN, len(data.y) // 50)
+        late = int(np.count_nonzero(data.t_output < data.t_output[0] + _LATE))
+        usual = min(max(_UNKNOWN, late), most)
+        if not (_is_driven(data) or _moves_at_first(data, usual) or _sets_off_unasked(data)):
+            return data
+        left_out = max(left_out, usual)
+    if not left_out:
         return data
     return replace(
         data,
@@ -44,6 +51,30 @@ def without_unknown_input(data: Dataset) -> Dataset:
         current=None if data.current is None else data.current[left_out:],
         rows=data.row_numbers(np.arange(left_out, len(data.y))),
     )
+
+
+def rows_standing(data: Dataset) -> int:
+    """Return the number of first outputs in which the shaft stands under an input that then moves it.
+
+    A position has to move by several of the sensor's steps from row to row, or rest and slow motion look alike.
+    """
+    until = _rows_until_change(data) if np.ptp(data.u) > 0 else len(data.y)
+    way = np.abs(data.y[:until] if data.kind == "speed" else np.diff(data.y[:until]))
+    if not _is_driven(data) or len(way) < SUSTAINED:
+        return 0
+    plain = _PLAIN * float(np.median(way[len(way) // 2 :]))
+    coarse = data.kind == "position" and plain < 0.5 * (data.quantum or 0.0)
+    moves = np.flatnonzero(way > plain)
+    if coarse or not len(moves):
+        return 0
+    standing = int(np.flatnonzero(way > _STANDS * way[moves[0]])[0])
+    if moves[0] >= 2 * standing:
+        return 0  # the first rows of a gradual rise
+    return standing + 1 if standing and data.kind == "position" else standing
+
+
+def _is_driven(data: Dataset) -> bool:
+    return bool(abs(data.u[0]) > _DRIVEN * float(np.abs(data.u).max()))
 
 
 def _moves_at_first(data: Dataset, samples: int) -> bool:

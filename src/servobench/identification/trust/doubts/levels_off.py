@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from servobench.core.finding import Finding, list_text, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.steady import speeds_by_level
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
 
 _APART = 1.3  # times a level has to be the lowest one, to say how the speed grows
 _MUCH = 0.25  # of the highest level: a straight line through the speeds that drives without any input by more isn't friction
@@ -19,6 +23,8 @@ _BENT = 0.1  # of the rise of the speed: what a middle level is above the straig
 _FALLS = (
     0.5  # of the slope below: a quadratic drag that takes as much as all else at the highest level leaves 0.6
 )
+_GRADUAL = 0.05  # of the way of a ramp: what its input changes by from sample to sample at the most
+_LEVELS = 20  # that a ramp is divided into
 _EXPLAINED = 90.0  # percent of the output: a model that explains so much has what bends the characteristic, or it is small
 
 
@@ -32,10 +38,26 @@ def _about(fit: Fit) -> list[Finding]:
         levels = _in_one_sense(speeds, sense)
         if len(levels) > 1 and _drives_without_input(levels, sense * offset):
             return [_finding(fit, (levels[0], levels[-1]), sense)]
+        if not levels and len(fit.records) == 1:
+            levels = _in_one_sense(_speeds_on_a_ramp(fit.records[0].data), sense)
         bend = _bend(levels) if fit.fit_percent < _EXPLAINED else None
         if bend is not None:
             return [_finding(fit, (levels[0], bend, levels[-1]), sense)]
     return []
+
+
+def _speeds_on_a_ramp(data: Dataset) -> dict[float, float]:
+    """The speeds in parts of a ramp, by the mean of the input there; empty where the input doesn't go one way gradually.
+
+    A motor that follows late has all of them a little later, which bends nothing.
+    """
+    u, changes = data.input_at_output, np.diff(data.u)
+    one_way = bool((changes >= 0).all() or (changes <= 0).all())
+    if not one_way or not 0 < np.abs(changes).max(initial=0.0) <= _GRADUAL * np.ptp(data.u):
+        return {}
+    parts = np.array_split(np.argsort(u, kind="stable"), _LEVELS)
+    speed = smooth_speed(data)
+    return {float(u[part].mean()): float(np.median(speed[part])) for part in parts if len(part)}
 
 
 def _in_one_sense(speeds: dict[float, float], sense: float) -> list[tuple[float, float]]:

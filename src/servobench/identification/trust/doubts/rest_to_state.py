@@ -17,7 +17,9 @@ _DRIVEN = 0.02  # of the largest input: below that it is the offset of a measure
 
 
 def _rest_to_state(records: Sequence[Dataset]) -> list[Finding]:
-    if any(map(_sets_off_at_first, records)):
+    if any(map(_stood_at_first, records)):
+        when = "The input is on from the first row, and the rows in which the shaft still stands are left out"
+    elif any(map(_sets_off_at_first, records)):
         when = "The input is on from the first row, and the shaft seems to set off there"
     elif any(map(_sets_off_soon, records)):
         when = "The input is on after a few rows, in which the shaft seems to stand"
@@ -28,6 +30,11 @@ def _rest_to_state(records: Sequence[Dataset]) -> list[Finding]:
         "time constant."
     )
     return [info("rest-to-state", sentence, parameters=("delay", "time_constant"))]
+
+
+def _stood_at_first(data: Dataset) -> bool:
+    """Whether rows were left out in which the shaft stood under an input that never changes: see `without_unknown_input`."""
+    return not data.starts_at_rest and not np.ptp(data.u) > 0 and bool(data.t_output[0] > data.t_input[0])
 
 
 def _sets_off_soon(data: Dataset) -> bool:

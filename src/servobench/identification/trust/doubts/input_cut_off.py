@@ -1,0 +1,66 @@
+"""An input that was logged up to the end of a range only, while what drives the motor goes on beyond it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, warning
+from servobench.core.rounding import with_unit
+from servobench.identification.models.motion import smooth_speed
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+_FEWEST = 3  # stretches at an end of the range
+_LONG = 8  # samples of a stretch that show whether the speed turns round in it
+_GRADUAL = 0.2  # of the range: what the input steps by into a stretch that its log cuts off
+_INNER = (0.1, 0.9)  # of a stretch: where the speed is largest if it turns round
+_FALLS = 0.05  # of the largest speed: by how much less it is at the end
+_MOST = 0.7  # of the stretches
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in _of(record)]
+
+
+def _of(data: Dataset) -> list[Finding]:
+    for end in (float(data.u.max()), float(data.u.min())):
+        if _is_cut_off(data, end):
+            sentence = (
+                f"{data.name}: the input stays at {with_unit(end, data.input_unit)} for a while again and again, but there the "
+                "speed rises and falls as if the input went on beyond: it was logged, or converted, up to there only. Widen the "
+                "range of that channel, or record an input that stays within it."
+            )
+            return [warning("input-cut-off", sentence, parameters=("gain",))]
+    return []
+
+
+def _is_cut_off(data: Dataset, end: float) -> bool:
+    """Whether the speed turns round in most of the stretches in which the input gradually came to that end of its range."""
+    sense = 1.0 if end >= 0.5 * float(data.u.max() + data.u.min()) else -1.0
+    u, speed = data.input_at_output, sense * smooth_speed(data)
+    if not np.ptp(data.u) > 0:
+        return False
+    at_end = np.concatenate([[False], u == end, [False]])
+    first = np.flatnonzero(at_end[1:] & ~at_end[:-1])
+    last = np.flatnonzero(at_end[:-1] & ~at_end[1:])  # the one after it
+    some = (last - first >= _LONG) & (first > 0) & (last < len(u))
+    first, last = first[some], last[some]
+    gradual = np.abs(u[first] - u[first - 1]) < _GRADUAL * np.ptp(data.u)
+    stretches = [speed[a:b] for a, b in zip(first[gradual], last[gradual], strict=True)]
+    if len(stretches) < _FEWEST:
+        return False
+    top = float(np.percentile(np.abs(speed), 99))
+    return bool(np.mean([_turns_round(each, top) for each in stretches]) >= _MOST)
+
+
+def _turns_round(speed: Array, top: float) -> bool:
+    """Whether a speed is plainly larger within a stretch than at either end of it, which no constant input makes it."""
+    at = int(speed.argmax())
+    inner = _INNER[0] * len(speed) <= at <= _INNER[1] * len(speed)
+    return inner and speed[at] - max(speed[0], speed[-1]) > _FALLS * top
+
+
+DOUBTS.member("input_cut_off")(Doubt(codes=("input-cut-off",), about_data=_about))
