@@ -16,11 +16,11 @@ from tests.datasets import dataset
 STEP = np.where(np.arange(600) < 100, 0.0, 2.0)  # V
 
 
-def step(noise: NDArray[np.float64]) -> Dataset:
-    """A speed after a step [rad/s] and what a sensor adds to it (600,)."""
+def step(noise: NDArray[np.float64], times: float = 1.3) -> Dataset:
+    """A speed after a step [rad/s] and what a sensor adds to it (600,), so many times as large."""
     clean = dataset(seed=1, samples=600, sample_time=0.005, u=STEP, chain="derivative")
     size = float(clean.y.std()) * noise / noise.std()
-    return replace(clean, y=clean.y + 1.3 * size)
+    return replace(clean, y=clean.y + times * size)
 
 
 def poor(data: Dataset) -> Finding:
@@ -37,6 +37,16 @@ def test_noise_of_a_sensor_is_named_and_what_goes_on_from_sample_to_sample_is_do
     assert white.severity is Severity.INFO
     assert "changes from one sample to the next as no motor does" in white.sentence
     assert slow.severity is Severity.WARNING
+
+
+def test_errors_that_a_few_neighbours_share_are_the_sensor_s_as_well() -> None:
+    """Errors of a position, averaged over two rows and differenced over two: alike in neighbours, and gone in longer means."""
+    random = np.random.default_rng(2).standard_normal(603)
+    shared = np.convolve(random, [1.0, 1.0, -1.0, -1.0], "valid")
+
+    # A half of the time constant is ten rows, of whose mean the twelve squares at the two ends are left: 0.17 of a sample's deviation.
+    assert np.corrcoef(shared[1:], shared[:-1])[0, 1] > 0.2
+    assert poor(step(shared, 1.0)).severity is Severity.INFO
 
 
 def test_noise_alone_is_no_motor() -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
-from servobench.identification.models.base import Parameter, Structure
+from servobench.identification.models.base import Parameter, Prediction, Structure
 from servobench.identification.models.common_parameters import (
     COULOMB,
     DELAY,
@@ -356,35 +356,44 @@ class _ChainedRecord:
 
     def moments(self, points: Array) -> Array:
         """Those of the samples that are used."""
-        blocks = [self._columns(float(tau), float(delay)) for tau, delay in points]
+        braked = {float(tau): self._braked(float(tau)) for tau in np.unique(points[:, 0])}
+        blocks = [self._columns(float(tau), float(delay), braked[float(tau)]) for tau, delay in points]
         return np.array([block.T @ block for block in blocks])
 
     def own(self, linear: Array) -> Array:
         """The start state, and those of the filters."""
         return linear[: len(self.structure.nuisance(self.data))]
 
-    def _columns(self, tau: float, delay: float) -> Array:
+    def _columns(self, tau: float, delay: float, braked: Sequence[Array]) -> Array:
         """A and y side by side."""
-        unit, data = self.structure.with_parameters((GAIN, TIME_CONSTANT, OFFSET, DELAY)), self.data
-        theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
-        theta[:4] = (1.0, tau, 0.0, delay)
-        plain = unit.predict(theta, data)
+        plain = self._predicted(tau, delay, self.data)
         shared = [plain.jacobian[:, 0]]
         if len(self.structure.linear_columns) > 1 + self.structure.friction:
             shared.append(plain.jacobian[:, 2])
-        if self.structure.friction:
-            sense = -self.sense
-            sensed = replace(
-                data,
-                t_input=data.t_output,
-                u=sense,
-                input_before=float(sense[0]),
-                delay=-delay,
-                reference=None,
-            )
-            shared.append(unit.predict(theta, sensed).jacobian[:, 0])
         rows = _rows(np.flatnonzero(plain.valid))
-        return np.column_stack([*shared, plain.jacobian[:, 4:], data.y])[rows]
+        return np.column_stack([*shared, *braked, plain.jacobian[:, 4:], self.data.y])[rows]
+
+    def _braked(self, tau: float) -> list[Array]:
+        """The column of friction where there is one, which the delay of the input has no part in."""
+        if not self.structure.friction:
+            return []
+        sense = -self.sense
+        sensed = replace(
+            self.data,
+            t_input=self.data.t_output,
+            u=sense,
+            input_before=float(sense[0]),
+            delay=0.0,
+            reference=None,
+        )
+        return [self._predicted(tau, 0.0, sensed).jacobian[:, 0]]
+
+    def _predicted(self, tau: float, delay: float, data: Dataset) -> Prediction:
+        """What a motor with a gain of one makes of an input, through the chain."""
+        unit = self.structure.with_parameters((GAIN, TIME_CONSTANT, OFFSET, DELAY))
+        theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
+        theta[:4] = (1.0, tau, 0.0, delay)
+        return unit.predict(theta, data)
 
 
 def _trials(structure: Separable, records: Sequence[_Record], points: Array) -> _Trials:

@@ -24,6 +24,7 @@ _LAGS = ("delay", "electrical_time_constant")
 _CHANGES_ALL_THE_TIME = 0.5  # of the rows
 _ROWS = np.array([3.0, 6.0, 12.0, 24.0, 48.0])  # by which the input may be late
 _PART = 0.1  # of a record
+_STEPS = 30  # of a search: what isn't much lower by then doesn't become the best
 _LEFT = 0.6  # of the squared residuals may be left
 _LIKELIER = 20.0  # in twice the logarithm of a likelihood: five places that are tried reach it by chance once in a thousand
 _SEEN = 0.1  # of a sample time: what is less nobody looks for
@@ -132,7 +133,9 @@ def _earlier_still(fit: Fit) -> float:
     for shift in (step * _ROWS[step * _ROWS < longest]).tolist():
         shifted = [replace(r, t_input=r.t_input - shift, reference=None) for r in records]
         with suppress(NotIdentifiable):  # an input that acts so early moves nothing in the record
-            trials.append((lowest(structure, shifted, structure.guesses(shifted)), shifted, shift))
+            trials.append(
+                (lowest(structure, shifted, structure.guesses(shifted), steps=_STEPS), shifted, shift)
+            )
     best, shifted, shift = min(trials, key=lambda each: each[0].cost)
     ahead = float(shift - best.theta[fit.model.names.index("delay")])
     if best.cost >= _LEFT * as_it_is.cost or ahead <= _ROWS[0] * step:

@@ -12,6 +12,9 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 _LITTLE = 50.0  # percent of the output
 _BY_CHANCE = 3.0  # standard deviations of the correlation of neighbours in white noise
+_MOST = 80.0  # percent of the means over half a time constant: what is left of the samples changes faster than a motor can
+_FEWEST = 3  # samples of a mean
+_BLOCKS = 50  # of them at least
 _PLAIN = 10.0  # Fisher's F of what the model explains: noise has 1
 
 
@@ -20,7 +23,7 @@ def _poor(fit: Fit) -> list[Finding]:
     if fit.fit_percent >= _LITTLE or all(steady_speed(record.data) is not None for record in fit.records):
         return []
     explained = f"The simulation explains {share_explained(fit.fit_percent)} of the output"
-    if _leaves_noise(fit):
+    if _leaves_noise(fit) or _explains_means(fit):
         data = fit.records[0].data
         size = with_unit(fit.residual_sd, data.output_unit, 2)
         sentence = (
@@ -44,6 +47,27 @@ def _leaves_noise(fit: Fit) -> bool:
     samples, unknown = sum(map(len, residuals)), len(fit.vector)
     left = (1.0 - fit.fit_percent / 100.0) ** 2
     return fit.fit_percent > 0 and (1.0 - left) * (samples - unknown) > _PLAIN * left * unknown
+
+
+def _explains_means(fit: Fit) -> bool:
+    """Whether the simulation explains most of the output's means over half a time constant, which hold what a motor does.
+
+    The errors of a speed that was differenced over several rows have a few neighbours in common, and no more.
+    """
+    if "time_constant" not in fit.model.names:
+        return False
+    left, all_of_it = 0.0, 0.0
+    for record in fit.records:
+        y, residual = record.data.y[record.valid], record.residual[record.valid]
+        length = min(round(0.5 * fit.model["time_constant"] / record.data.sample_time), len(y) // _BLOCKS)
+        if length < _FEWEST:
+            return False
+        means, misses = (
+            each[: len(y) // length * length].reshape(-1, length).mean(axis=1) for each in (y, residual)
+        )
+        left += float(misses @ misses)
+        all_of_it += float(np.sum((means - means.mean()) ** 2))
+    return left < (1.0 - _MOST / 100.0) ** 2 * all_of_it
 
 
 DOUBTS.member("fit_poor")(Doubt(codes=("fit-poor",), about_fit=_poor))
