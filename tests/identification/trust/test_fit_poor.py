@@ -44,7 +44,7 @@ def test_errors_that_a_few_neighbours_share_are_the_sensor_s_as_well() -> None:
     random = np.random.default_rng(2).standard_normal(603)
     shared = np.convolve(random, [1.0, 1.0, -1.0, -1.0], "valid")
 
-    # A half of the time constant is ten rows, of whose mean the twelve squares at the two ends are left: 0.17 of a sample's deviation.
+    # A half of the time constant is ten rows, of whose mean the twelve squares at its ends are left: 0.17 of a sample.
     assert np.corrcoef(shared[1:], shared[:-1])[0, 1] > 0.2
     assert poor(step(shared, 1.0)).severity is Severity.INFO
 
