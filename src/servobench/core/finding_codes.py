@@ -301,6 +301,8 @@ _TABLE = (
     FindingCode("offset-found", "A part of the input is lost to an offset, which is modelled."),
     FindingCode("offset-negative", "The motor turned one way, as if its input were larger than recorded.",
         "Check the input's zero and its sign."),
+    FindingCode("one-level-each", "Records of one level each show more friction together than motors have.",
+        "Check that all are of one motor and in one unit."),
     FindingCode("output-clipped", "The output is clipped at an end of its range.",
         "Use a smaller input or a wider range.", Role.CAUSE),
     FindingCode("output-computed", "A model explains the output to the last digit, so the output was computed, not measured."),

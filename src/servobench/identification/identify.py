@@ -58,6 +58,7 @@ from servobench.identification.trust.missing_terms import (
 from servobench.identification.trust.other_output import with_other_output
 from servobench.identification.trust.validation import validate
 from servobench.identification.trust.winding import about_winding
+from servobench.identification.uncertainty.changes_between_rows import with_changes_between_rows
 from servobench.identification.uncertainty.curved_valley import with_curved_valley
 from servobench.identification.uncertainty.friction_near_rest import with_friction_near_rest
 from servobench.identification.uncertainty.friction_range import with_friction_range
@@ -71,6 +72,8 @@ from servobench.identification.uncertainty.identifiability import (
 from servobench.identification.uncertainty.model_error import with_model_error
 from servobench.identification.uncertainty.one_lag import with_one_lag
 from servobench.identification.uncertainty.rounded_times import with_rounded_times
+from servobench.identification.uncertainty.rounding_that_stays import with_rounding_that_stays
+from servobench.identification.uncertainty.scatter_between_runs import with_scatter_between_runs
 from servobench.identification.uncertainty.small_departures import with_small_departures
 from servobench.identification.uncertainty.static_friction import with_static_friction
 from servobench.identification.uncertainty.status_findings import about_answers
@@ -367,7 +370,8 @@ def _with_allowances(
     if estimator == "auto":
         fit = with_unseen_torque(fit)
     fit = with_missing_terms(fit, choice.terms)
-    fit = with_rounded_times(with_curved_valley(fit))
+    fit = with_changes_between_rows(with_rounded_times(with_curved_valley(fit)))
+    fit = with_scatter_between_runs(with_rounding_that_stays(fit))
     fit = with_unresolved_time_constant(with_model_error(fit, one_level))
     fit = widen_for_lag_split(with_unknown_chain(widen_for_host_delay(fit)))
     return widen_for_gain_friction_split(fit)

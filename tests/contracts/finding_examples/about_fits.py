@@ -39,6 +39,7 @@ from tests.contracts.finding_examples.base import (
 from tests.datasets import QUANTUM, dataset
 from tests.identification.trust.test_input_late import fit_with_usual_delay
 from tests.identification.trust.test_lag_not_split import fit_with
+from tests.identification.trust.test_one_level_each import fit_of_levels
 from tests.identification.trust.test_sensor_zero import fit_with_zero
 from tests.identification.trust.test_small_swing import fit_of_swings
 from tests.identification.trust.test_start_held import fit_of as fit_of_held_start
@@ -250,6 +251,7 @@ EXAMPLES = (
     _example("input-rests-off-zero", lambda: _about_rest("%"), lambda: _about_rest("V")),
     _example("input-too-slow", lambda: _ramp(1), lambda: _ramp(10)),
     _example("kind-mistaken", _as_speed),
+    _example("one-level-each", lambda: fit_of_levels(57.3), lambda: fit_of_levels(1.0)),
     _example("output-spikes", _with_spikes),
     _example("sensor-zero", lambda: fit_with_zero(5.0), lambda: fit_with_zero(0.0)),
     _example("shaft-comes-to-rest", lambda: _position_loop("V"), lambda: _limited_to(3.0)),

@@ -265,6 +265,24 @@ def test_a_part_that_turns_where_the_rest_does_not_is_no_test() -> None:
     assert not {each.code for each in result.findings} & {"validation-poor", "validation-worse"}
 
 
+def test_a_level_at_which_only_ripple_is_left_is_predicted_as_well_as_it_is_fitted() -> None:
+    """Ripple of 2 % at one speed for seconds: of what varies within a level most is ripple, and no model foretells it."""
+    u = np.repeat([0.0, *LEVELS, 2.0, 6.0, 4.0], 500)
+    y, decay = np.zeros(len(u)), np.exp(-0.002 / 0.015)
+    for k in range(1, len(u)):
+        y[k] = 20.0 * u[k - 1] + decay * (y[k - 1] - 20.0 * u[k - 1])
+    rippled = y * (1.0 + 0.02 * np.sin(2 * np.pi * 13.4 * 0.002 * np.arange(len(u))))
+    noise = np.random.default_rng(1).normal(0.0, 0.2, len(u))
+    data = dataset(seed=1, samples=len(u), u=u, y=rippled + noise, chain="derivative")
+
+    result = identify(data)
+
+    assert result.fit is not None
+    assert result.validation is not None
+    assert 100 - result.validation.fit_percent > 5 * (100 - result.fit.fit_percent)
+    assert worse(result) == []
+
+
 @pytest.mark.parametrize(("torque", "severity"), [(2e-3, "warning"), (1e-4, "info")])
 def test_a_random_torque_that_no_part_tests_is_a_doubt_where_it_is_large(
     torque: float, severity: str

@@ -83,3 +83,13 @@ def test_a_controller_answers_to_what_moves_the_shaft() -> None:
 
     assert said(record)
     assert said(replace(record, reference=np.zeros(ROWS), reference_unit="rad")) == []
+
+
+def test_a_reading_that_flickers_once_long_before_the_start_is_no_start() -> None:
+    """One count and a half up at row 50, and there it stays until the motor is driven."""
+    record = stepped(0)
+    flickered = record.y + np.where(np.arange(ROWS) >= 50, 1.5 * QUANTUM, 0.0)
+
+    assert said(replace(record, y=flickered)) == []
+    (sentence,) = said(replace(stepped(40), y=flickered))
+    assert float(sentence.split("sets off at ")[1].split(" s")[0].split("\u00a0")[0]) >= STEP * AT

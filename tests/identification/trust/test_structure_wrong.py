@@ -33,3 +33,22 @@ def test_only_a_motion_is_a_wrong_structure(left: np.ndarray, codes: list[str]) 
 
     assert fit.fit_percent < 80
     assert [each.code for each in DOUBTS["structure_wrong"].about_fit(fit)] == codes
+
+
+@pytest.mark.parametrize(("speed", "codes"), [(60.0, []), (5.0, ["structure-wrong"])])
+def test_a_ripple_that_is_small_beside_the_speed_is_no_other_structure(
+    speed: float, codes: list[str]
+) -> None:
+    """A record that turns at one speed nearly all the time has little else to be explained."""
+    (record,) = sound_fit().records
+    data = replace(record.data, y=speed + 1.2 * SLOW, quantum=None, kind="speed", output_unit="rad/s")
+    fit = replace(
+        sound_fit(),
+        records=(
+            replace(record, data=data, prediction=data.y - SLOW, residual=SLOW, valid=np.ones(N, bool)),
+        ),
+        findings=(info("weighed-twice", "Neither noise model fits."),),
+    )
+
+    assert fit.fit_percent < 80
+    assert [each.code for each in DOUBTS["structure_wrong"].about_fit(fit)] == codes

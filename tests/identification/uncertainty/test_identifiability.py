@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.core.finding import Verdict
+from servobench.core.finding import Verdict, info
 from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.estimators.delay_prior import CODE, prior_of_delay
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
@@ -42,6 +43,34 @@ def test_what_is_known_to_half_of_itself_is_known() -> None:
 
     assert {each.state for each in parameter_statuses(fit).values()} == {State.KNOWN}
     assert combinations(fit) == ()
+
+
+def test_a_delay_below_zero_is_no_property_of_a_motor() -> None:
+    fit = fitted()
+    at, step = fit.model.names.index("delay"), fit.records[0].data.sample_time
+    theta = fit.model.theta.copy()
+    theta[at] = -0.4 * step
+    early = replace(fit, model=replace(fit.model, theta=theta), intervals={})
+    known = replace(early, covariance=np.diag(np.full(len(theta), (0.01 * step) ** 2)))
+
+    assert known["delay"].interval[1] < 0.0
+    assert parameter_statuses(known)["delay"].state is not State.KNOWN
+
+
+@pytest.mark.parametrize(("scales", "is_known"), [(0.5, True), (3.0, False)])
+def test_a_delay_that_its_prior_let_stand_far_from_what_is_usual_is_not_known(
+    scales: float, is_known: bool
+) -> None:
+    """What fits best is no measurement: the data don't tell the delay, as the finding says."""
+    fit = fitted()
+    prior = prior_of_delay(fit.model.structure, [record.data for record in fit.records])
+    assert prior is not None
+    theta = fit.model.theta.copy()
+    theta[prior.at] = prior.middle + scales * prior.scale
+    said = info(CODE, "The delay is assumed.", parameters=("delay",))
+    assumed = replace(fit, model=replace(fit.model, theta=theta), findings=(*fit.findings, said))
+
+    assert (parameter_statuses(assumed)["delay"].state is State.KNOWN) is is_known
 
 
 def test_time_constant_and_delay_that_stand_for_each_other_are_known_as_their_sum() -> None:

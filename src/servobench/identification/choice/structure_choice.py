@@ -54,6 +54,7 @@ from servobench.identification.trust.doubts.spikes import had_spikes
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import beside_torque, score_terms
 from servobench.identification.trust.validation import explains_the_colour, is_rounding
+from servobench.identification.uncertainty.changes_between_rows import with_changes_between_rows
 from servobench.identification.uncertainty.identifiability import drive_level, is_known
 from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
@@ -299,7 +300,7 @@ def _friction_possible(gains: str) -> Finding:
 
 def _hides_friction(with_friction: Fit) -> bool:
     """Whether a fit that ends without friction could have as much of it as motors have: what it takes looks like another gain."""
-    return friction_spread(with_friction) > _HIDDEN
+    return friction_spread(with_changes_between_rows(with_friction)) > _HIDDEN
 
 
 def _friction_hidden() -> Finding:

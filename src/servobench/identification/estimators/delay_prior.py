@@ -205,6 +205,12 @@ def prior_of(fit: Fit) -> DelayPrior | None:
     return prior_of_delay(fit.model.structure, [record.data for record in fit.records])
 
 
+def is_only_a_fit(fit: Fit) -> bool:
+    """Return whether a delay was taken from its prior far from what is usual: what fits best is no measurement of it."""
+    prior = prior_of(fit)
+    return prior is not None and abs(float(fit.model.theta[prior.at]) - prior.middle) > prior.scale
+
+
 def is_usual(fit: Fit) -> bool:
     """Return whether a fit has a delay that needs no excuse."""
     return surprise(fit) < _USUAL_SURPRISE

@@ -38,6 +38,7 @@ _UNTOLD = 0.02  # of the output's variation: a prediction less certain than that
 _PREDICTS = (
     80.0  # % of what it wasn't fitted to: a model that predicts more of its own recording is no wrong one
 )
+_AS_NEAR = 4.0  # times what the fit to the rest leaves and its intervals foretell
 _WORST = 0.5  # % of the output unexplained, below which a difference doesn't matter
 _STILL = 0.02  # of the motion in all data: a part that neither moves nor is missed by more is no test
 # Times the misfit that the rest of the data foretell. A right model behind an ideal encoder reached 1.03 in 50 records, and
@@ -144,7 +145,8 @@ def about_validation(
             )
         ]
     missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
-    if unseen > max(2.0, 5 * missing):
+    # A part in which the speed hardly varies is explained to few percent by a model that is as near to it as elsewhere.
+    if unseen > max(2.0, 5 * missing) and worst.beyond > _AS_NEAR:
         return [
             say(
                 "validation-worse",

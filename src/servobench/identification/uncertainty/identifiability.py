@@ -18,6 +18,7 @@ from servobench.core.channels import Array
 from servobench.core.estimate import Estimate
 from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.delay_prior import is_only_a_fit
 from servobench.identification.models.level import single_level
 from servobench.identification.models.steady import SETTLED, longest_time_constant, speeds_by_level
 
@@ -154,11 +155,21 @@ def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:
         return False
     if name in ("gain", "time_constant", "loop_gain"):
         return _relative(estimate) <= _ROUGH if among else is_known(estimate)
-    if name == "delay" and estimate.half_width > max(record.data.duration for record in fit.records):
+    if name == "delay" and _is_no_delay(fit, estimate):
         return False
     if name == "delay" or name in _FRICTION + _GRAVITY:
         return estimate.half_width <= max(_KNOWN * abs(estimate.value), _SMALL * _size(fit, name))
     return True
+
+
+def _is_no_delay(fit: Fit, estimate: Estimate) -> bool:
+    """Whether a delay isn't known although it may have a short interval.
+
+    One below zero says how far apart columns are, which hides what the motor has; one that a prior let stand far from what is
+    usual is what happens to fit best.
+    """
+    longest = max(record.data.duration for record in fit.records)
+    return estimate.half_width > longest or estimate.interval[1] < 0.0 or is_only_a_fit(fit)
 
 
 def _largest(fit: Fit, name: str) -> float:

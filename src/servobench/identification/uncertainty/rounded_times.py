@@ -18,19 +18,18 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.least_squares import Layout, information, jacobian_and_residual
+from servobench.identification.uncertainty.carried_errors import with_line
 from servobench.recordings.measurement.dataset import Dataset
 
-_DRAWS = 60  # the standard deviation that they give is right to 10 %
+DRAWS = 60  # the standard deviation that they give is right to 10 %
 _STEPS = tuple(10.0**-power for power in range(1, 8))  # s
 _ON_STEP = 1e-3  # of a step: what is so near to a multiple is on it
 _MOSTLY = 0.5  # of the times of changes; where a device doesn't tell of each, the others come by the computer's clock
 _FEW = 4  # changes of the input
 _NEARLY_ALL = 0.95
 _FINE = 0.25  # of the median sample time; on a coarser step times say little of when a row was
-_WORTH_A_LINE = 0.05  # of a parameter's standard deviation
 _SEED = 1
 _APART = 1e-9  # s; a voltage that was replaced at once held for less than any motor sees
 
@@ -43,17 +42,9 @@ def with_rounded_times(fit: Fit) -> Fit:
     steps = [time_step(record.data) for record in fit.records]
     if fit.disturbance is not None or not any(steps):
         return fit
-    covariance = _covariance(fit, steps)
-    own = np.diag(fit.covariance)
-    usable = np.isfinite(own) & (own > 0)
-    if not np.any(np.diag(covariance)[usable] > _WORTH_A_LINE**2 * own[usable]):
-        return fit
-    covariance[~usable, :] = 0.0
-    covariance[:, ~usable] = 0.0
+    covariance, _ = covariance_of_shifts(fit, steps)
     reason = f"the times at which the input changed are rounded to {max(steps) * 1e6:.4g} µs"
-    return fit.widen(
-        Contribution(source="rounded times", covariance=covariance, reason=reason, freedom=_DRAWS)
-    )
+    return with_line(fit, "rounded times", covariance, reason, DRAWS)
 
 
 def time_step(data: Dataset) -> float:
@@ -72,16 +63,21 @@ def _share_on(step: float, times: Array) -> float:
     return float(np.mean(off < _ON_STEP))
 
 
-def _covariance(fit: Fit, steps: Sequence[float]) -> Array:
-    """The covariance (P, P) of the shared parameters over draws of the true times."""
+def covariance_of_shifts(fit: Fit, steps: Sequence[float]) -> tuple[Array, float]:
+    """Return the covariance (P, P) of the shared parameters over draws of the true times, and the sum of squares left by a draw.
+
+    `steps` [s] are what the changes of each record's input lie within; 0 where they are where they say.
+    """
     layout = Layout(fit.model.structure, tuple(record.data for record in fit.records))
-    random, squares, pulls = np.random.default_rng(_SEED), [], np.zeros((_DRAWS, len(fit.vector)))
+    random, effects, pulls = np.random.default_rng(_SEED), [], np.zeros((DRAWS, len(fit.vector)))
     for record, at, step in zip(fit.records, layout.columns(), steps, strict=True):
         jacobian, moved = _effects(fit, record, step, random)
-        squares.append(jacobian.T @ jacobian)
+        effects.append((jacobian, moved, at))
         pulls[:, at] += moved @ jacobian
-    moves = (pulls @ inverse(information(layout, squares)))[:, : layout.shared]
-    return np.asarray(moves.T @ moves / _DRAWS)
+    moves = pulls @ inverse(information(layout, [jacobian.T @ jacobian for jacobian, _, _ in effects]))
+    left = sum(float(np.sum((moved - moves[:, at] @ jacobian.T) ** 2)) for jacobian, moved, at in effects)
+    shared = moves[:, : layout.shared]
+    return np.asarray(shared.T @ shared / DRAWS), left / DRAWS
 
 
 def _effects(fit: Fit, record: FittedRecord, step: float, random: np.random.Generator) -> tuple[Array, Array]:
@@ -90,7 +86,7 @@ def _effects(fit: Fit, record: FittedRecord, step: float, random: np.random.Gene
     theta = np.concatenate([fit.model.theta, record.nuisance])
     usual = structure.predict(theta, data)
     jacobian, _ = jacobian_and_residual(data, usual)
-    moved = np.zeros((_DRAWS, len(jacobian)))
+    moved = np.zeros((DRAWS, len(jacobian)))
     if not step:
         return jacobian, moved
     for draw in moved:

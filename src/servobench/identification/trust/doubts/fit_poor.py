@@ -58,7 +58,8 @@ def _explains_means(fit: Fit) -> bool:
         return False
     left, all_of_it = 0.0, 0.0
     for record in fit.records:
-        y, residual = record.data.y[record.valid], record.residual[record.valid]
+        residual = record.residual[record.valid]
+        y = record.prediction[record.valid] + residual
         length = min(round(0.5 * fit.model["time_constant"] / record.data.sample_time), len(y) // _BLOCKS)
         if length < _FEWEST:
             return False

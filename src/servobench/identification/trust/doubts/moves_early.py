@@ -36,6 +36,13 @@ def _of(data: Dataset) -> list[Finding]:
     away = np.flatnonzero(off[:before] > data.noise)
     if not len(away) or away[0] < _STANDS or before >= len(data.y):
         return []
+    half_way = (int(away[0]) + before) // 2
+    if data.kind == "position" and abs(float(data.y[half_way] - data.y[away[0]])) <= data.noise:
+        # A reading that flickered, or a shaft that was touched: it stands again.
+        off = np.abs(data.y - data.y[half_way])
+        away = half_way + np.flatnonzero(off[half_way:before] > data.noise)
+        if not len(away):
+            return []
     start = float(data.t_output[away[0]])
     early = change - start
     # An input that is written row by row may have changed anywhere between two of its rows.

@@ -17,6 +17,7 @@ _PENDULUM = (
     "its parameters aren't the motor's. Try `structure=first_order_coulomb_gravity` with the "
     "motor's voltage as the input, or record the motor alone."
 )
+_RIPPLE = 0.05  # of the speed
 _ROUNDING = 3.0  # quanta: what is left over beside less may be the sensor's
 
 
@@ -36,7 +37,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         <= _ROUNDING * (record.data.quantum or lattice_step(record.data.y) or 0.0)
         for record in fit.records
     ]
-    if any(rounding):
+    if any(rounding) or any(map(_is_ripple, fit.records)):
         return []
     missed = 100 - fit.fit_percent
     sentence = (
@@ -47,6 +48,12 @@ def _about_fit(fit: Fit) -> list[Finding]:
         "faster, or try another structure with `structure=...`."
     )
     return [warning("structure-wrong", sentence, parameters=("gain", "time_constant"))]
+
+
+def _is_ripple(record: FittedRecord) -> bool:
+    """Whether what is left of a speed is small beside the speed itself, and only much of a record that hardly varies."""
+    top = float(np.percentile(np.abs(record.data.y), 95))
+    return record.data.kind == "speed" and float(np.std(record.residual[record.valid])) <= _RIPPLE * top
 
 
 def _pendulum_left_out(fit: Fit) -> bool:

@@ -1,0 +1,42 @@
+"""The rounding of a speed that reads the same value for as long as it lasts: no number of samples averages it out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.identification.estimators.base import Fit
+from servobench.identification.models.steady import stretches_of_input
+from servobench.identification.uncertainty.carried_errors import covariance_of_errors, with_line
+from servobench.recordings.measurement.dataset import Dataset
+
+_ROUNDED = 12**-0.5  # standard deviation of a value that lies anywhere within a step
+_ALIKE = 0.9  # of the samples in the second half of a stretch
+_FEWEST = 8  # samples of a stretch
+
+
+def with_rounding_that_stays(fit: Fit) -> Fit:
+    """Return the fit with the line of its budget for readings that don't change; the same where noise changes them."""
+    errors = [_errors(record.data) for record in fit.records]
+    if not any(errors):
+        return fit
+    reason = "a settled speed reads one value all the time, which may be half a step off"
+    return with_line(fit, "rounding that stays", covariance_of_errors(fit, errors), reason, np.inf)
+
+
+def _errors(data: Dataset) -> list[Array]:
+    """An error (M,) for each stretch of a constant input in which the speed settles at one reading."""
+    if data.kind != "speed":
+        return []
+    values = np.unique(data.y)
+    step = float(np.diff(values).min(initial=np.inf))
+    errors = []
+    for first, end in zip(*stretches_of_input(data), strict=True):
+        settled = data.y[(first + end) // 2 : end]
+        if end - first < _FEWEST or not np.isfinite(step) or np.mean(settled == np.median(settled)) < _ALIKE:
+            continue
+        if np.median(settled) != 0.0:  # a shaft that stands reads nothing, whatever the step
+            error = np.zeros(len(data.y))
+            error[first:end] = _ROUNDED * step
+            errors.append(error)
+    return errors
