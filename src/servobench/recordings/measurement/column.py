@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array, Channel
 from servobench.core.errors import MissingInformation, UsageError
 from servobench.core.finding import Finding, info
+from servobench.core.rounding import count_text
 from servobench.core.units import unit as unit_named
 from servobench.recordings.recording import Recording, Series
 
@@ -118,9 +119,9 @@ def _check_times(source: str, role: str, column: Column) -> None:
     backwards = np.flatnonzero(np.diff(column.t) <= 0.0)
     if not len(backwards):
         return
-    k = int(backwards[0])
+    k, where = int(backwards[0]), count_text(len(backwards), "place")
     raise UsageError(
-        f"{source}: the times of the {role} {column.name!r} don't increase in {len(backwards)} places, the first from row "
+        f"{source}: the times of the {role} {column.name!r} don't increase in {where}, the first from row "
         f"{column.rows[k]} ({column.t[k]:.9g} s) to row {column.rows[k + 1]} ({column.t[k + 1]:.9g} s); "
         "name the right column with `time=...`, or remove the repeated rows"
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info, refusal, warning
-from servobench.core.rounding import with_unit
+from servobench.core.rounding import count_text, with_unit
 from servobench.core.units import unit as unit_named
 from servobench.recordings.measurement.column import Column
 from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrap
@@ -50,7 +50,7 @@ def _ambiguous_steps(column: Column, stage: Unwrap, unwrapping: Unwrapped) -> li
     if not len(doubtful):
         return []
     sentence = (
-        f"In {len(doubtful)} places, the first of them row {doubtful[0]}, {column.name!r} changes so much between "
+        f"In {count_text(len(doubtful), 'place')}, the first of them row {doubtful[0]}, {column.name!r} changes so much between "
         f"samples that `{stage}` can't determine the direction; sample more often, or check the modulus."
     )
     return [warning("unwrap-ambiguous", sentence, rows=(int(doubtful[0]), int(doubtful[-1])))]
