@@ -277,7 +277,8 @@ def _minima_at(
         starts = [np.where(free, start, value) for start in (minimum.theta, led, *guesses)]
         if len(starts) > _STARTS:
             starts.sort(key=lambda start: point_at(layout, start).cost)
-        minima.append(lowest(structure, data, starts[:_STARTS], free, _STEPS))
+        best = lowest(structure, data, starts[:_STARTS], free, _STEPS)
+        minima.append(best if best.converged else lowest(structure, data, (best.theta,), free))
     return minima
 
 
