@@ -38,6 +38,15 @@ def test_a_range_that_ends_on_one_side_is_enough() -> None:
     assert codes(one_side)
 
 
+@pytest.mark.parametrize("chain", ["", "derivative"])
+def test_stairs_that_go_on_under_the_last_level_of_the_file_are_found(chain: str) -> None:
+    """1 to 5 V, of which the file has what lies below 3.2 V; a motor settles once under one voltage."""
+    stairs = np.repeat([0.5, 1.0, 2.0, 3.0, 4.0, 5.0], 500)
+
+    assert codes(cut_off(3.2, chain, stairs))
+    assert not codes(dataset(seed=1, samples=len(T), u=np.minimum(stairs, 3.2), chain=chain))
+
+
 def test_an_amplifier_that_limits_what_is_logged_is_no_fault() -> None:
     """The motor gets what stands in the file: its speed goes on towards one end."""
     limited = np.clip(SINE, -2.0, 2.0)

@@ -103,8 +103,25 @@ def test_a_speed_that_reads_one_value_is_known_to_half_a_step() -> None:
     assert high - low > 0.9  # of a step of 1 rad/s, nine tenths lie within what is stated
 
 
-def test_noise_that_changes_the_reading_averages_it() -> None:
-    fit = fit_of(replace(run(59.15), y=np.round(10.0 * run(59.15, noise=0.2).y) / 10.0))
+def test_steps_that_are_cut_off_towards_zero_look_like_friction() -> None:
+    """What a division of whole numbers leaves of speeds up to 16 rad/s in steps of 1 rad/s: half a step, 3 % of the input."""
+    u = np.repeat([20.0, 90.0, 40.0, 60.0, -30.0, -80.0, -50.0, 70.0], 200)
+    exact, decay = np.zeros(len(u)), np.exp(-0.005 / TAU)
+    for k in range(1, len(u)):
+        end = GAIN * (u[k - 1] - FRICTION * np.sign(u[k - 1]))
+        exact[k] = end + decay * (exact[k - 1] - end)
+    noisy = exact + np.random.default_rng(1).normal(0.0, 0.7, len(u))
+    made = dataset(seed=1, samples=len(u), sample_time=0.005, u=u, y=np.trunc(noisy), chain="derivative")
+
+    result = identify(replace(made, input_unit="%"), estimator="output_error")
+
+    low, high = result["coulomb_voltage"].interval
+    assert low < FRICTION < high
+    assert "rounding that stays" in sources(result)
+
+
+def test_rounding_that_is_fine_beside_what_is_known_adds_nothing() -> None:
+    fit = fit_of(replace(run(59.15), y=np.round(1e4 * run(59.15, noise=0.2).y) / 1e4))
 
     assert with_rounding_that_stays(fit) is fit
 

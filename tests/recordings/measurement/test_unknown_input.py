@@ -85,3 +85,24 @@ def test_what_never_moves_or_never_stands_stays_as_it_is(y: Sequence[float]) -> 
     still = replace(from_rest(4.0, 0.05, 40), y=np.asarray(y))
 
     assert without_unknown_input(still) is still
+
+
+def test_readings_of_nothing_before_a_sensor_begins_are_left_out_of_a_motion() -> None:
+    """A chirp from the middle, whose speed reads zero for five rows and is at once what it was all the time."""
+    t = 0.005 * np.arange(600)
+    u = 8.0 * np.sin(2.0 * np.pi * (0.3 + 0.05 * t) * t + 1.0)
+    made = dataset(seed=1, samples=600, sample_time=0.005, u=u, y=20.0 * u, chain="derivative")
+    late = replace(made, y=np.where(np.arange(600) < 5, 0.0, made.y), input_before=float(u[0]))
+
+    assert len(without_unknown_input(late).y) == len(made.y) - 5
+    assert len(without_unknown_input(replace(late, y=made.y)).y) == len(made.y) - 4  # what a delay may hide
+
+
+def test_a_step_from_rest_to_a_speed_that_is_there_at_once_is_a_fast_motor() -> None:
+    u = np.repeat([1.0, 1.0, 6.0], [3, 2, 195])
+    made = dataset(
+        seed=1, samples=200, sample_time=0.05, u=u, y=np.where(u > 2.0, 100.0, 0.0), chain="derivative"
+    )
+    fast = replace(made, input_before=1.0)
+
+    assert len(without_unknown_input(fast).y) == len(fast.y) - 4  # what a delay may hide, and no row more

@@ -56,6 +56,7 @@ from servobench.identification.trust.missing_terms import beside_torque, score_t
 from servobench.identification.trust.validation import explains_the_colour, is_rounding
 from servobench.identification.uncertainty.changes_between_rows import with_changes_between_rows
 from servobench.identification.uncertainty.identifiability import drive_level, is_known
+from servobench.identification.uncertainty.scatter_between_runs import has_one_level_each
 from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -238,7 +239,7 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
         return _Base(fit=with_friction, findings=(finding,), fits=fits)
     if shifts_parameters(with_friction, frictionless):
         return _Base(fit=with_friction, findings=(_friction_possible(gains),), fits=fits)
-    if _hides_friction(with_friction):
+    if _hides_friction(with_friction) or has_one_level_each(data):
         return _Base(fit=with_friction, findings=(_friction_hidden(),), fits=fits)
     sentence = (
         "The data show no Coulomb friction: the model without it explains them equally well."
@@ -547,12 +548,13 @@ def _climb(
 def _can_not_tell_directions(data: Sequence[Dataset]) -> bool:
     """Whether nothing would show friction that differs by direction: an input that drives one way only, or under few levels.
 
-    A shaft that coasts in the other direction shows how the driver lets go, too.
+    A shaft that coasts in the other direction shows how the driver lets go, too; and runs of one level each differ by more than
+    their direction.
     """
     u = np.concatenate([record.u for record in data])
     driven = _DRIVEN * float(np.abs(u).max(initial=0.0))
     drives_both_ways = min(np.mean(u > driven), np.mean(u < -driven)) >= _A_FEW
-    return few_levels(data) is not None or not drives_both_ways
+    return few_levels(data) is not None or has_one_level_each(data) or not drives_both_ways
 
 
 def _of_base(base: _Base, fit: Fit, causes: Causes) -> Choice:

@@ -356,7 +356,7 @@ class _ChainedRecord:
 
     def moments(self, points: Array) -> Array:
         """Those of the samples that are used."""
-        braked = {float(tau): self._braked(float(tau)) for tau in np.unique(points[:, 0])}
+        braked = {float(tau): self._friction_column(float(tau)) for tau in np.unique(points[:, 0])}
         blocks = [self._columns(float(tau), float(delay), braked[float(tau)]) for tau, delay in points]
         return np.array([block.T @ block for block in blocks])
 
@@ -366,14 +366,14 @@ class _ChainedRecord:
 
     def _columns(self, tau: float, delay: float, braked: Sequence[Array]) -> Array:
         """A and y side by side."""
-        plain = self._predicted(tau, delay, self.data)
+        plain = self._prediction(tau, delay, self.data)
         shared = [plain.jacobian[:, 0]]
         if len(self.structure.linear_columns) > 1 + self.structure.friction:
             shared.append(plain.jacobian[:, 2])
         rows = _rows(np.flatnonzero(plain.valid))
         return np.column_stack([*shared, *braked, plain.jacobian[:, 4:], self.data.y])[rows]
 
-    def _braked(self, tau: float) -> list[Array]:
+    def _friction_column(self, tau: float) -> list[Array]:
         """The column of friction where there is one, which the delay of the input has no part in."""
         if not self.structure.friction:
             return []
@@ -386,9 +386,9 @@ class _ChainedRecord:
             delay=0.0,
             reference=None,
         )
-        return [self._predicted(tau, 0.0, sensed).jacobian[:, 0]]
+        return [self._prediction(tau, 0.0, sensed).jacobian[:, 0]]
 
-    def _predicted(self, tau: float, delay: float, data: Dataset) -> Prediction:
+    def _prediction(self, tau: float, delay: float, data: Dataset) -> Prediction:
         """What a motor with a gain of one makes of an input, through the chain."""
         unit = self.structure.with_parameters((GAIN, TIME_CONSTANT, OFFSET, DELAY))
         theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))

@@ -1,4 +1,8 @@
-"""The rounding of a speed that reads the same value for as long as it lasts: no number of samples averages it out."""
+"""The rounding of a speed that no number of samples averages out: one reading for as long as it lasts, or all towards zero.
+
+A whole number of steps may be the nearest one, or what a division of whole numbers leaves: half a step less on the average, of
+either sign, which looks like friction.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,9 @@ from servobench.identification.uncertainty.carried_errors import covariance_of_e
 from servobench.recordings.measurement.dataset import Dataset
 
 _ROUNDED = 12**-0.5  # standard deviation of a value that lies anywhere within a step
+_CUT = (
+    0.5 * 3**-0.5
+)  # of a step: the mean of what may be cut off lies anywhere from none to half a step on either side
 _ALIKE = 0.9  # of the samples in the second half of a stretch
 _FEWEST = 8  # samples of a stretch
 
@@ -20,20 +27,20 @@ def with_rounding_that_stays(fit: Fit) -> Fit:
     errors = [_errors(record.data) for record in fit.records]
     if not any(errors):
         return fit
-    reason = "a settled speed reads one value all the time, which may be half a step off"
+    reason = "a settled speed may read one value all the time, and what is cut off of steps is friction to the model"
     return with_line(fit, "rounding that stays", covariance_of_errors(fit, errors), reason, np.inf)
 
 
 def _errors(data: Dataset) -> list[Array]:
-    """An error (M,) for each stretch of a constant input in which the speed settles at one reading."""
-    if data.kind != "speed":
-        return []
+    """An error (M,) for each stretch of a constant input in which the speed settles at one reading, and one for all readings."""
     values = np.unique(data.y)
     step = float(np.diff(values).min(initial=np.inf))
-    errors = []
+    if data.kind != "speed" or not np.isfinite(step):
+        return []
+    errors = [_CUT * step * np.sign(data.y)]
     for first, end in zip(*stretches_of_input(data), strict=True):
         settled = data.y[(first + end) // 2 : end]
-        if end - first < _FEWEST or not np.isfinite(step) or np.mean(settled == np.median(settled)) < _ALIKE:
+        if end - first < _FEWEST or np.mean(settled == np.median(settled)) < _ALIKE:
             continue
         if np.median(settled) != 0.0:  # a shaft that stands reads nothing, whatever the step
             error = np.zeros(len(data.y))

@@ -19,6 +19,11 @@ _LATE = 0.01  # s; the same for loops that sample fast
 
 _LEAST = 30  # samples that a record needs to spare some
 _DRIVEN = 0.02  # of the largest input: below that it is the offset of a measurement
+_SILENT = 2  # rows of nothing at the least
+_PART = 0.1  # of the record at the most
+_NEXT = 20  # rows that show how much a speed changes from row to row
+_AT_ONCE = 10.0  # times that
+_STEP = 0.2  # of the input's range
 _PLAIN = 0.05  # of the speed that is reached: a motion that is plain to see
 _STANDS = 0.1  # of that: below it a shaft hasn't set off yet
 
@@ -32,7 +37,7 @@ def without_unknown_input(data: Dataset) -> Dataset:
     A free start state has no such rest: it would take the rise for a slower one. Where the input never changes there is nothing
     else to be mistaken in, and a shaft that rests until it does was driven by nothing.
     """
-    left_out = rows_standing(data)
+    left_out = max(rows_standing(data), _rows_before_readings(data))
     if np.ptp(data.u) > 0:
         if len(data.y) < _LEAST:
             return data
@@ -71,6 +76,27 @@ def rows_standing(data: Dataset) -> int:
     if moves[0] >= 2 * standing:
         return 0  # the first rows of a gradual rise
     return standing + 1 if standing and data.kind == "position" else standing
+
+
+def _rows_before_readings(data: Dataset) -> int:
+    """The number of first outputs in which a speed reads zero before it is at once what it goes on to be, as a sensor begins.
+
+    No step of the input makes it so, nor does a shaft that breaks away, whose speed goes on to rise.
+    """
+    moves = np.flatnonzero(data.y)
+    if data.kind != "speed" or not len(moves) or not _SILENT <= moves[0] <= _PART * len(data.y):
+        return 0
+    first = int(moves[0])
+    steps = np.abs(np.diff(data.y[first : first + _NEXT]))
+    at_once = (
+        abs(float(data.y[first])) > _AT_ONCE * float(np.median(steps)) if len(steps) >= SUSTAINED else False
+    )
+    earlier = data.u[data.t_input <= data.t_output[first]]
+    stepped = float(np.abs(np.diff(earlier, prepend=data.input_before)).max(initial=0.0)) > _STEP * float(
+        np.ptp(data.u)
+    )
+    plain = abs(float(data.y[first])) > _PLAIN * float(np.abs(data.y).max())
+    return first if at_once and plain and not stepped and _is_driven(data) else 0
 
 
 def _is_driven(data: Dataset) -> bool:

@@ -8,8 +8,8 @@ from servobench.core.finding import Finding, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import plain
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.level import single_level
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.uncertainty.scatter_between_runs import has_one_level_each
 
 _MUCH = 0.3  # of the largest input
 _MOST = 3  # records: among more the one that doesn't belong to the others is found
@@ -18,10 +18,7 @@ _KNOWN = 3.0  # standard deviations from zero
 
 def _about_fit(fit: Fit) -> list[Finding]:
     records = [record.data for record in fit.records]
-    if "coulomb_voltage" not in fit.model.names or not 1 < len(records) <= _MOST:
-        return []
-    levels = [single_level([record]) for record in records]
-    if any(level is None for level in levels):
+    if "coulomb_voltage" not in fit.model.names or len(records) > _MOST or not has_one_level_each(records):
         return []
     friction = fit["coulomb_voltage"]
     share = abs(friction.value) / max(float(np.abs(record.u).max()) for record in records)
