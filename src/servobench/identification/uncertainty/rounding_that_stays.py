@@ -18,6 +18,7 @@ _ROUNDED = 12**-0.5  # standard deviation of a value that lies anywhere within a
 _CUT = (
     0.5 * 3**-0.5
 )  # of a step: the mean of what may be cut off lies anywhere from none to half a step on either side
+_FINE = 1e-3  # of the range: half of a step that is finer shifts nothing that matters
 _ALIKE = 0.9  # of the samples in the second half of a stretch
 _FEWEST = 8  # samples of a stretch
 
@@ -35,7 +36,7 @@ def _errors(data: Dataset) -> list[Array]:
     """An error (M,) for each stretch of a constant input in which the speed settles at one reading, and one for all readings."""
     values = np.unique(data.y)
     step = float(np.diff(values).min(initial=np.inf))
-    if data.kind != "speed" or not np.isfinite(step):
+    if data.kind != "speed" or not _FINE * float(np.ptp(data.y)) < step < np.inf:
         return []
     errors = [_CUT * step * np.sign(data.y)]
     for first, end in zip(*stretches_of_input(data), strict=True):

@@ -23,9 +23,8 @@ def drop_repeats(column: Column, findings: Sequence[Finding]) -> tuple[Column, l
         return column, list(findings)
     rows = fresh_rows(column.x, how.hold)
     if column.x[rows[0]] == column.x[0]:
-        rows = np.union1d(
-            0, rows
-        )  # what stands from the first row on was so then, too, however old the value is
+        # What stands from the first row on was so then, too, however old the value is.
+        rows = np.union1d(0, rows)
     sentence = (
         f"{how.sentence(column.name, column.t)} Only the {len(rows)} of {len(column.x)} rows with a new value are "
         "used; the age of a new value becomes part of the delay."

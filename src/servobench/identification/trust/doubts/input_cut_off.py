@@ -13,6 +13,7 @@ from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
+_OFF = 0.02  # of the largest input
 _FEWEST = 3  # stretches at an end of the range
 _LONG = 8  # samples of a stretch that show whether the speed turns round in it
 _GRADUAL = 0.4  # of the range: what the input steps by into a stretch that its log cuts off
@@ -45,8 +46,8 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     """Whether the speed turns round in most of the stretches in which the input gradually came to that end of its range."""
     sense = 1.0 if end >= 0.5 * float(data.u.max() + data.u.min()) else -1.0
     u, speed = data.input_at_output, sense * smooth_speed(data)
-    if not np.ptp(data.u) > 0:
-        return False
+    if not np.ptp(data.u) > 0 or abs(end) < _OFF * float(np.abs(data.u).max()):
+        return False  # an input that is switched off isn't cut off
     at_end = np.concatenate([[False], u == end, [False]])
     first = np.flatnonzero(at_end[1:] & ~at_end[:-1])
     last = np.flatnonzero(at_end[:-1] & ~at_end[1:])  # the one after it

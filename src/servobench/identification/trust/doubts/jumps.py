@@ -107,7 +107,9 @@ def seams(record: FittedRecord) -> NDArray[np.int64]:
     if data.kind != "speed" or len(data.y) < 50:
         return none
     change = np.nan_to_num(np.abs(np.diff(residual)))
-    change[:_SETTLING] = 0.0  # where a record begins its model may
+    change[:_SETTLING] = (
+        0.0  # where a record begins, from a start state that isn't known, its model may jump as well
+    )
     large = _SEAM * float(np.percentile(np.abs(data.y), 99))
     which = np.flatnonzero(change[:-_BESIDE] > large)
     if not 0 < len(which) <= max(_MOST * len(data.y), 1):
