@@ -170,6 +170,8 @@ def test_a_number_is_not_held_against_one_that_is_printed_alike(
         (1.0004, 1.0, "0.04 % larger"),
         (2.5, 1.0, "2.5 times as large"),
         (0.04, 1.0, "25 times smaller"),
+        (446064.0, 1.0, "more than a hundred times as large"),
+        (1.0, 446064.0, "more than a hundred times smaller"),
         (1.0, 1.0, "the same"),
         (-1.0, 1.0, "of the other sign"),
         (1.0, 0.0, "of the other sign"),

@@ -308,7 +308,7 @@ _TABLE = (
     FindingCode("output-computed", "A model explains the output to the last digit, so the output was computed, not measured."),
     FindingCode("output-filtered", "By its name the output was filtered, but it isn't known how.",
         "Name the filter, or use the output before it."),
-    FindingCode("output-jumps", "The position jumps once and goes on from somewhere else.",
+    FindingCode("output-jumps", "The output jumps and goes on from somewhere else.",
         "Use the part before or after it; look at the coupling and the counter.", Role.CAUSE),
     FindingCode("output-limited", "The output hardly rises beyond some speed where the model goes on rising.",
         "Stay below that speed, or use a sensor with a wider range.", Role.SYMPTOM),

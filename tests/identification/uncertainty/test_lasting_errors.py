@@ -63,6 +63,18 @@ def test_a_gain_between_neighbouring_levels_allows_for_what_runs_differ_by(
     assert result["gain"].half_width < most * GAIN
 
 
+def test_runs_of_one_level_keep_friction_that_their_differences_can_not_exclude() -> None:
+    """A battery that sags by 3 % under the highest level hides a friction of 2.2 %, which one record would show."""
+    runs = [run(level, error) for level, error in ((40.0, 0.0), (80.0, 0.0), (100.0, -0.03))]
+    back = [replace(each, u=-each.u, y=-each.y) for each in runs[1:]]
+
+    result = identify_evidence([runs[0], *back])
+
+    assert "coulomb_voltage" in result.answers
+    low, high = result["gain"].interval
+    assert low < GAIN < high
+
+
 def fit_of(*records: Dataset) -> Fit:
     return ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], list(records))
 

@@ -45,8 +45,8 @@ from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.common_parameters import TIME_CONSTANT
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
-from servobench.identification.models.level import few_levels, single_level
-from servobench.identification.models.motion import smooth_speed, stands, turns_both_ways
+from servobench.identification.models.level import few_levels, has_one_level_each, single_level
+from servobench.identification.models.motion import is_ramp, smooth_speed, stands, turns_both_ways
 from servobench.identification.models.nonlinear.structure import NonlinearMotor
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
@@ -56,7 +56,6 @@ from servobench.identification.trust.missing_terms import beside_torque, score_t
 from servobench.identification.trust.validation import explains_the_colour, is_rounding
 from servobench.identification.uncertainty.changes_between_rows import with_changes_between_rows
 from servobench.identification.uncertainty.identifiability import drive_level, is_known
-from servobench.identification.uncertainty.scatter_between_runs import has_one_level_each
 from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -71,8 +70,6 @@ _BENDS = 1.4  # times the residual of a lag that is as long as the ramp: what it
 _NONE = 0.1  # of a sample time: no lag at all
 _FEW = 400  # samples, of which a search for that takes a tenth of a second
 _DRIVEN = 0.1  # of the largest input: what drives the motor, and isn't the offset of a measurement
-_GRADUAL = 0.05  # of all of a ramp, from sample to sample
-_ONE_WAY = 0.9  # of the input's changes
 _A_FEW = 0.02  # of the samples
 _SEVERAL = 3  # samples
 _HARDLY = 0.2  # of the top speed
@@ -367,7 +364,7 @@ def _with_short_lag(method: Estimator, data: Sequence[Dataset], one_way: Fit) ->
     says nothing of the gain, which a ramp shows whatever the lag is.
     """
     slow = _SLOW * max(record.duration for record in data)
-    if not all(map(_ramps, data)) or one_way.model["time_constant"] < slow:
+    if not all(map(is_ramp, data)) or one_way.model["time_constant"] < slow:
         return one_way
     structure = one_way.model.structure
     names = one_way.model.names
@@ -400,7 +397,7 @@ def _with_breakaway(method: Estimator, data: Sequence[Dataset], base: _Base) -> 
     to the beginning of a ramp.
     """
     structure = STRUCTURES[_STICKS]
-    if is_rounding(base.fit) or not all(map(_ramps, data)) or method.supports(structure, data) is not None:
+    if is_rounding(base.fit) or not all(map(is_ramp, data)) or method.supports(structure, data) is not None:
         return base
     some = [_thin(record) for record in data]
     left = sum(float(np.sum(each.residual[:: _spacing(each.data)] ** 2)) for each in base.fit.records)
@@ -455,13 +452,6 @@ def _thin(record: Dataset) -> Dataset:
         reference=None,
         rows=None,
     )
-
-
-def _ramps(record: Dataset) -> bool:
-    """Whether the input changes from sample to sample by little at the most, and goes one way."""
-    changes = np.diff(record.u)
-    size, way = float(np.abs(changes).max(initial=0.0)), abs(float(record.u[-1] - record.u[0]))
-    return 0.0 < size <= _GRADUAL * way and way >= _ONE_WAY * float(np.abs(changes).sum())
 
 
 def _rest_in_words(data: Sequence[Dataset], begins: bool) -> str:
@@ -530,7 +520,7 @@ def _climb(
             for term in _candidate_terms(here.shown, here.fit)
             if term not in refused
             and with_added_term(here.fit.structure, term)
-            and not (term == "asymmetric" and _can_not_tell_directions(data))
+            and not (term == "asymmetric" and not _shows_directions(data))
         ]
         significant = _significant_terms(here.shown)
         rungs = (
@@ -545,16 +535,16 @@ def _climb(
     return replace(here, findings=(*here.findings, stop, *hidden))
 
 
-def _can_not_tell_directions(data: Sequence[Dataset]) -> bool:
-    """Whether nothing would show friction that differs by direction: an input that drives one way only, or under few levels.
+def _shows_directions(data: Sequence[Dataset]) -> bool:
+    """Whether friction that differs by direction would show: under several levels of an input that drives both ways.
 
-    A shaft that coasts in the other direction shows how the driver lets go, too; and runs of one level each differ by more than
+    A shaft that only coasts in one direction shows how the driver lets go, too; and runs of one level each differ by more than
     their direction.
     """
     u = np.concatenate([record.u for record in data])
     driven = _DRIVEN * float(np.abs(u).max(initial=0.0))
     drives_both_ways = min(np.mean(u > driven), np.mean(u < -driven)) >= _A_FEW
-    return few_levels(data) is not None or has_one_level_each(data) or not drives_both_ways
+    return few_levels(data) is None and not has_one_level_each(data) and bool(drives_both_ways)
 
 
 def _of_base(base: _Base, fit: Fit, causes: Causes) -> Choice:

@@ -49,9 +49,8 @@ _AS_WELL = 1.1  # times the sum of squares
 _ROUNDED = 0.4  # of a count: residuals that are smaller are mostly rounding, whose standard deviation is 0.29
 _APART = 0.02  # of the prior's scale: delays that lie closer together are one
 _STARTS = 3  # of a search with a delay that is held
-_STEPS = (
-    30  # of a search at a held delay, which may creep along a valley full of kinks: the best of them goes on
-)
+# Steps of a search at a held delay, which may creep along a valley full of kinks: the best of them goes on.
+_STEPS = 30
 _SHORTEST = 0.01  # s, of the prior's scale
 _AS_GOOD_AS_NONE = 0.1  # of a sample time, which is the prior's middle
 _NEARLY_ONE = 0.6  # of a sample time: a shorter delay is a part of one

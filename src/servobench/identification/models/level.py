@@ -33,6 +33,11 @@ def single_level(records: Sequence[Dataset]) -> float | None:
     return _level_of_one(records[0]) if len(records) == 1 else _level_of(records)
 
 
+def has_one_level_each(records: Sequence[Dataset]) -> bool:
+    """Return whether there are several records, each under one level of the input."""
+    return len(records) > 1 and all(single_level([record]) is not None for record in records)
+
+
 @dataclass(frozen=True, kw_only=True)
 class OneLevel:
     """The only level of the input, which shows the speed alone of gain and Coulomb voltage."""

@@ -15,6 +15,8 @@ _RARE = 1.5  # times what two readings of a shaft at rest may differ by: the mos
 
 
 _ONE = 0.9  # of an input's power in one line of its spectrum: a sine
+_GRADUAL = 0.05  # of all of a ramp, from sample to sample
+_ONE_WAY = 0.9  # of the input's changes
 _STILL = 1e-3  # of the largest speed: slower than that a motor stands
 _PERIODS = 3  # of a sine in a record: fewer are a step or a ramp
 _BACK = 0.1  # of the way: a position that comes back as far turned round
@@ -144,3 +146,10 @@ def is_one_sine(u: Array) -> bool:
     power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(len(u)))) ** 2
     at = int(np.argmax(power))
     return bool(at >= _PERIODS and power[at - 2 : at + 3].sum() > _ONE * power.sum())
+
+
+def is_ramp(data: Dataset) -> bool:
+    """Return whether the input changes from sample to sample by little at the most, and goes one way."""
+    changes = np.diff(data.u)
+    size, way = float(np.abs(changes).max(initial=0.0)), abs(float(data.u[-1] - data.u[0]))
+    return 0.0 < size <= _GRADUAL * way and way >= _ONE_WAY * float(np.abs(changes).sum())

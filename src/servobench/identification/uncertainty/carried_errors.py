@@ -24,7 +24,10 @@ _WORTH_A_LINE = 0.05  # of a parameter's standard deviation
 
 
 def covariance_of_errors(fit: Fit, errors: Sequence[Sequence[Array]]) -> Array:
-    """Return the covariance (P, P) of the shared parameters for errors (M,) of each record, one standard deviation each."""
+    """Return the covariance (P, P) of the shared parameters for errors (M,) of each record, one standard deviation each.
+
+    Errors are in the unit of the output; there has to be at least one.
+    """
     layout = Layout(fit.model.structure, tuple(record.data for record in fit.records))
     squares, pulls = [], []
     for record, at, own in zip(fit.records, layout.columns(), errors, strict=True):
@@ -36,13 +39,18 @@ def covariance_of_errors(fit: Fit, errors: Sequence[Sequence[Array]]) -> Array:
             pull = np.zeros(len(fit.vector))
             pull[at] = error[usual.valid] @ jacobian
             pulls.append(pull)
-    # Where a sum of parameters isn't determined the least move explains the error as well as any: a known combination has it.
-    h = information(layout, squares)
+    shared = moves_of(np.array(pulls), information(layout, squares))[:, : layout.shared]
+    return np.asarray(shared.T @ shared)
+
+
+def moves_of(pulls: Array, h: Array) -> Array:
+    """Return the moves (N, P + ΣQ) of the joint vector that pulls J'e (N, P + ΣQ) cause where J'J is h (P + ΣQ, P + ΣQ).
+
+    Where a sum of parameters isn't determined, the least move explains an error as well as any: a known combination has it.
+    """
     scale = np.sqrt(np.where(np.diag(h) > 0.0, np.diag(h), 1.0))
     pseudo = np.linalg.pinv(h / np.outer(scale, scale), rcond=_ALONG, hermitian=True)
-    moves = np.array(pulls).reshape(len(pulls), -1) / scale @ pseudo / scale
-    shared = moves[:, : layout.shared]
-    return np.asarray(shared.T @ shared)
+    return np.asarray(pulls / scale @ pseudo / scale)
 
 
 def with_line(fit: Fit, source: str, covariance: Array, reason: str, freedom: float) -> Fit:

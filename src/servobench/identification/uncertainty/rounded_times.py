@@ -18,9 +18,8 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.least_squares import Layout, information, jacobian_and_residual
-from servobench.identification.uncertainty.carried_errors import with_line
+from servobench.identification.uncertainty.carried_errors import moves_of, with_line
 from servobench.recordings.measurement.dataset import Dataset
 
 DRAWS = 60  # the standard deviation that they give is right to 10 %
@@ -74,7 +73,7 @@ def covariance_of_shifts(fit: Fit, steps: Sequence[float]) -> tuple[Array, float
         jacobian, moved = _effects(fit, record, step, random)
         effects.append((jacobian, moved, at))
         pulls[:, at] += moved @ jacobian
-    moves = pulls @ inverse(information(layout, [jacobian.T @ jacobian for jacobian, _, _ in effects]))
+    moves = moves_of(pulls, information(layout, [jacobian.T @ jacobian for jacobian, _, _ in effects]))
     left = sum(float(np.sum((moved - moves[:, at] @ jacobian.T) ** 2)) for jacobian, moved, at in effects)
     shared = moves[:, : layout.shared]
     return np.asarray(shared.T @ shared / DRAWS), left / DRAWS

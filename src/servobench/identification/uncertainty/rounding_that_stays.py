@@ -15,16 +15,15 @@ from servobench.identification.uncertainty.carried_errors import covariance_of_e
 from servobench.recordings.measurement.dataset import Dataset
 
 _ROUNDED = 12**-0.5  # standard deviation of a value that lies anywhere within a step
-_CUT = (
-    0.5 * 3**-0.5
-)  # of a step: the mean of what may be cut off lies anywhere from none to half a step on either side
+# Of a step: the mean of what may be cut off lies anywhere from none to half a step on either side.
+_CUT = 0.5 * 3**-0.5
 _FINE = 1e-3  # of the range: half of a step that is finer shifts nothing that matters
 _ALIKE = 0.9  # of the samples in the second half of a stretch
 _FEWEST = 8  # samples of a stretch
 
 
 def with_rounding_that_stays(fit: Fit) -> Fit:
-    """Return the fit with the line of its budget for readings that don't change; the same where noise changes them."""
+    """Return the fit with the line of its budget for the steps of a speed; the same where they are fine, or of a position."""
     errors = [_errors(record.data) for record in fit.records]
     if not any(errors):
         return fit
@@ -34,9 +33,10 @@ def with_rounding_that_stays(fit: Fit) -> Fit:
 
 def _errors(data: Dataset) -> list[Array]:
     """An error (M,) for each stretch of a constant input in which the speed settles at one reading, and one for all readings."""
-    values = np.unique(data.y)
-    step = float(np.diff(values).min(initial=np.inf))
-    if data.kind != "speed" or not _FINE * float(np.ptp(data.y)) < step < np.inf:
+    if data.kind != "speed":
+        return []
+    step = float(np.diff(np.unique(data.y)).min(initial=np.inf))
+    if not _FINE * float(np.ptp(data.y)) < step < np.inf:
         return []
     errors = [_CUT * step * np.sign(data.y)]
     for first, end in zip(*stretches_of_input(data), strict=True):

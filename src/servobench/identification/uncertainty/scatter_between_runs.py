@@ -7,22 +7,14 @@ straight line. Beside levels far apart that is nothing; between 95 and 100 % it 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.level import single_level
+from servobench.identification.models.level import has_one_level_each
 from servobench.identification.uncertainty.carried_errors import covariance_of_errors, with_line
-from servobench.recordings.measurement.dataset import Dataset
 
 _SCATTER = 0.004  # of the motion: more than that of the one motor, whose battery was fresh
 _FREEDOM = 5.0  # of motors as different as people own, from one that was measured
-
-
-def has_one_level_each(records: Sequence[Dataset]) -> bool:
-    """Return whether there are several records, each under one level of the input."""
-    return len(records) > 1 and all(single_level([record]) is not None for record in records)
 
 
 def with_scatter_between_runs(fit: Fit) -> Fit:

@@ -10,6 +10,7 @@ from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.models.motion import smooth_speed
+from servobench.identification.models.steady import stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -45,16 +46,15 @@ def _of(data: Dataset) -> list[Finding]:
 def _is_cut_off(data: Dataset, end: float) -> bool:
     """Whether the speed turns round in most of the stretches in which the input gradually came to that end of its range."""
     sense = 1.0 if end >= 0.5 * float(data.u.max() + data.u.min()) else -1.0
-    u, speed = data.input_at_output, sense * smooth_speed(data)
     if not np.ptp(data.u) > 0 or abs(end) < _OFF * float(np.abs(data.u).max()):
         return False  # an input that is switched off isn't cut off
-    at_end = np.concatenate([[False], u == end, [False]])
-    first = np.flatnonzero(at_end[1:] & ~at_end[:-1])
-    last = np.flatnonzero(at_end[:-1] & ~at_end[1:])  # the one after it
-    some = (last - first >= _LONG) & (first > 0)
-    first, last = first[some], last[some]
+    u, (first, after) = data.input_at_output, stretches_of_input(data)
     gradual = np.abs(u[first] - u[first - 1]) < _GRADUAL * np.ptp(data.u)
-    stretches = [speed[a:b] for a, b in zip(first[gradual], last[gradual], strict=True)]
+    some = (u[first] == end) & (after - first >= _LONG) & (first > 0) & gradual
+    if not some.any():
+        return False
+    speed = sense * smooth_speed(data)
+    stretches = [speed[a:b] for a, b in zip(first[some], after[some], strict=True)]
     top = float(np.percentile(np.abs(speed), 99))
     if any(_turns_round(each, _PLAINLY * top) or _rises_again(each, top) for each in stretches):
         return True

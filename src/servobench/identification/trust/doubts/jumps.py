@@ -36,15 +36,26 @@ def _of(data: Dataset) -> list[Finding]:
     if not len(which):
         return []
     size = float(data.y[which[0] + 1] - data.y[which[0]])
-    at = int(which[0]) + 1
-    where = f"{in_words(data.row_numbers(which + 1), 'sample')} ({data.in_seconds(data.t_output[at])})"
     sentence = (
-        f"{data.name}: the position jumps in {where}, first by {with_unit(size, data.output_unit)}, and goes on from there, "
+        f"the position jumps in {_places(data, which)}, first by {with_unit(size, data.output_unit)}, and goes on from there, "
         "which no shaft does: rows are missing, a turn was lost, a coupling slipped, or the counter was set. Use the part before "
         "or after it."
     )
-    rows = data.row_span(at, int(which[-1]) + 1)
-    return [warning("output-jumps", sentence, parameters=("gain", "time_constant"), rows=rows)]
+    return [_finding(data, which, sentence)]
+
+
+def _places(data: Dataset, which: NDArray[np.int64]) -> str:
+    """The samples behind those indices (K,), and the time of the first, in words."""
+    return (
+        f"{in_words(data.row_numbers(which + 1), 'sample')} ({data.in_seconds(data.t_output[which[0] + 1])})"
+    )
+
+
+def _finding(data: Dataset, which: NDArray[np.int64], sentence: str) -> Finding:
+    rows = data.row_span(int(which[0]) + 1, int(which[-1]) + 1)
+    return warning(
+        "output-jumps", f"{data.name}: {sentence}", parameters=("gain", "time_constant"), rows=rows
+    )
 
 
 def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
@@ -88,16 +99,13 @@ def _of_seams(record: FittedRecord) -> list[Finding]:
     data, which = record.data, seams(record)
     if not len(which):
         return []
-    at = int(which[0]) + 1
-    before, after = (with_unit(float(data.y[n]), data.output_unit, 3) for n in (at - 1, at))
-    where = f"{in_words(data.row_numbers(which + 1), 'sample')} ({data.in_seconds(data.t_output[at])})"
+    before, after = (with_unit(float(data.y[which[0] + n]), data.output_unit, 3) for n in (0, 1))
     sentence = (
-        f"{data.name}: the speed is another one at once in {where}, first {after} after {before}, while its model takes many "
+        f"the speed is another one at once in {_places(data, which)}, first {after} after {before}, while its model takes many "
         "samples for such a change: two runs were put together, rows are missing, or something stopped the shaft. Give each run "
         "by itself."
     )
-    rows = data.row_span(at, int(which[-1]) + 1)
-    return [warning("output-jumps", sentence, parameters=("gain", "time_constant"), rows=rows)]
+    return [_finding(data, which, sentence)]
 
 
 def seams(record: FittedRecord) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ import numpy as np
 from servobench.core.finding import Finding, list_text, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.motion import smooth_speed
+from servobench.identification.models.motion import is_ramp, smooth_speed
 from servobench.identification.models.steady import speeds_by_level
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
@@ -23,7 +23,6 @@ _BENT = 0.1  # of the rise of the speed: what a middle level is above the straig
 _FALLS = (
     0.5  # of the slope below: a quadratic drag that takes as much as all else at the highest level leaves 0.6
 )
-_GRADUAL = 0.05  # of the way of a ramp: what its input changes by from sample to sample at the most
 _LEVELS = 20  # that a ramp is divided into
 _EXPLAINED = 90.0  # percent of the output: a model that explains so much has what bends the characteristic, or it is small
 
@@ -51,12 +50,10 @@ def _speeds_on_a_ramp(data: Dataset) -> dict[float, float]:
 
     A motor that follows late has all of them a little later, which bends nothing.
     """
-    u, changes = data.input_at_output, np.diff(data.u)
-    one_way = bool((changes >= 0).all() or (changes <= 0).all())
-    if not one_way or not 0 < np.abs(changes).max(initial=0.0) <= _GRADUAL * np.ptp(data.u):
+    if not is_ramp(data):
         return {}
+    u, speed = data.input_at_output, smooth_speed(data)
     parts = np.array_split(np.argsort(u, kind="stable"), _LEVELS)
-    speed = smooth_speed(data)
     return {float(u[part].mean()): float(np.median(speed[part])) for part in parts if len(part)}
 
 

@@ -8,8 +8,8 @@ from servobench.core.finding import Finding, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import plain
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.level import has_one_level_each
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
-from servobench.identification.uncertainty.scatter_between_runs import has_one_level_each
 
 _MUCH = 0.3  # of the largest input
 _MOST = 3  # records: among more the one that doesn't belong to the others is found
