@@ -44,8 +44,9 @@ def covariance_of_errors(fit: Fit, errors: Sequence[Sequence[Array]]) -> Array:
 
 
 def moves_of(pulls: Array, h: Array) -> Array:
-    """Return the moves (N, P + ΣQ) of the joint vector that pulls J'e (N, P + ΣQ) cause where J'J is h (P + ΣQ, P + ΣQ).
+    """Return the moves (N, P + ΣQ) of the joint vector that `pulls` cause.
 
+    `pulls` are J'e (N, P + ΣQ) and `h` is J'J (P + ΣQ, P + ΣQ), both in the squared unit of the output, by the parameters' units.
     Where a sum of parameters isn't determined, the least move explains an error as well as any: a known combination has it.
     """
     scale = np.sqrt(np.where(np.diag(h) > 0.0, np.diag(h), 1.0))
