@@ -58,3 +58,14 @@ def test_an_amplifier_that_limits_what_is_logged_is_no_fault() -> None:
 @pytest.mark.parametrize("u", [SINE, np.where(T % 1.0 < 0.5, 2.0, -2.0), np.full(len(T), 2.0)])
 def test_neither_a_sine_nor_levels_are_cut_off(u: NDArray[np.float64]) -> None:
     assert not codes(dataset(seed=1, samples=len(T), u=u, torque_noise=2e-5))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
+def test_noise_on_a_level_is_no_speed_that_turns_round(share: float, seed: int) -> None:
+    """Stairs up and down to one upper level, read by a tachometer whose noise is that share of the largest speed."""
+    stairs = np.tile(np.repeat([0.0, 0.7, 1.4, 2.0, 1.4, 0.7], 100), 5)
+    made = dataset(seed=1, samples=len(T), u=stairs, chain="derivative")
+    noise = np.random.default_rng(seed).normal(size=len(made.y))
+
+    assert not codes(replace(made, y=made.y + share * made.y.max() * noise))

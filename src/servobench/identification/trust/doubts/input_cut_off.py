@@ -22,6 +22,8 @@ _INNER = (0.1, 0.9)  # of a stretch: where the speed is largest if it turns roun
 _FALLS = 0.05  # of the largest speed: by how much less it is at the end
 _MOST = 0.7  # of the stretches
 _PARTS = 12  # of a stretch
+_BEYOND_NOISE = 7.0  # standard deviations of a part's mean, where a single stretch shows it
+_BEYOND_NOISE_EACH = 4.5  # where most of three stretches or more do
 _SETTLED = 0.01  # of the largest speed: what it changes by from one part to the next
 _AT_ONCE = 0.05  # of it: a motor that warms up, or a supply that sags, takes longer than a part
 _PLAINLY = 0.2  # of the largest speed: a rise and a fall of so much under a constant input in a single stretch are enough
@@ -56,26 +58,58 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     speed = sense * smooth_speed(data)
     stretches = [speed[a:b] for a, b in zip(first[some], after[some], strict=True)]
     top = float(np.percentile(np.abs(speed), 99))
-    if any(_turns_round(each, _PLAINLY * top) or _rises_again(each, top) for each in stretches):
+    noise = _noise(stretches)
+    plain = _BEYOND_NOISE * noise
+    if any(_turns_round(each, _PLAINLY * top, plain) or _rises_again(each, top, plain) for each in stretches):
         return True
-    turn = [_turns_round(each, _FALLS * top) for each in stretches]
+    turn = [_turns_round(each, _FALLS * top, _BEYOND_NOISE_EACH * noise) for each in stretches]
     return len(turn) >= _FEWEST and bool(np.mean(turn) >= _MOST)
 
 
-def _turns_round(speed: Array, by: float) -> bool:
-    """Whether a speed is larger within a stretch than at either end of it, which no constant input makes it, by so much."""
+def _turns_round(speed: Array, by: float, noise: float) -> bool:
+    """Whether a speed is larger within a stretch than at either end of it, which no constant input makes it, by so much.
+
+    The means of its parts have to show that, too, by more than the noise.
+    """
+    means = _means(speed)
     at = int(speed.argmax())
     inner = _INNER[0] * len(speed) <= at <= _INNER[1] * len(speed)
-    return inner and speed[at] - max(speed[0], speed[-1]) > by
+    return (
+        inner
+        and speed[at] - max(speed[0], speed[-1]) > by
+        and float(means.max() - max(means[0], means[-1])) > noise
+    )
 
 
-def _rises_again(speed: Array, top: float) -> bool:
-    """Whether a speed is another one at once in a stretch, after it had settled, as it is on the stairs of a staircase."""
+def _rises_again(speed: Array, top: float, noise: float) -> bool:
+    """Whether a speed is another one at once in a stretch, after it had settled, as it is on the stairs of a staircase.
+
+    The change is by more than the noise of a part's mean, which both of its sides have.
+    """
     if len(speed) < 2 * _PARTS:
         return False
-    change = np.abs(np.diff([part.mean() for part in np.array_split(speed, _PARTS)]))
-    settled = np.flatnonzero(change < _SETTLED * top)
-    return len(settled) > 0 and float(change[settled[0] :].max()) > _AT_ONCE * top
+    change = np.abs(np.diff(_means(speed)))
+    small = change < _SETTLED * top
+    settled = np.flatnonzero(small[1:] & small[:-1])  # a single small one may be chance
+    return len(settled) > 0 and float(change[settled[0] :].max()) > max(_AT_ONCE * top, np.sqrt(2) * noise)
+
+
+def _means(speed: Array) -> Array:
+    """The means of the parts of a stretch."""
+    return np.array([part.mean() for part in np.array_split(speed, min(_PARTS, len(speed)))])
+
+
+def _noise(stretches: Sequence[Array]) -> float:
+    """The standard deviation of a part's mean, by what is smaller: how much parts are off a parabola through others, or samples
+    off the next ones, twice that as the noise of a smoothed speed lasts. Stairs that go on beyond the end spoil the first alone.
+    """
+    bends = np.concatenate([np.diff(_means(each), 3) for each in stretches])
+    steps = np.concatenate([np.diff(each) / np.sqrt(max(1.0, len(each) / _PARTS)) for each in stretches])
+    # Of normal values the median of their sizes is 0.6745 standard deviations, their mean 0.7979; a coarse speed has many zeros.
+    return min(
+        float(np.median(np.abs(bends))) / 0.6745 / 20**0.5,
+        2.0 * float(np.abs(steps).mean()) / 0.7979 / 2**0.5,
+    )
 
 
 DOUBTS.member("input_cut_off")(Doubt(codes=("input-cut-off",), about_data=_about))
