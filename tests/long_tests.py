@@ -13,7 +13,9 @@ LISTED = [
     for line in (ROOT / "tests" / "long_tests.txt").read_text(encoding="utf-8").splitlines()
     if line and not line.startswith("#")
 ]
-FILES = {line.partition("::")[0] for line in LISTED}
+FILES: dict[str, list[str]] = {}
+for _line in LISTED:
+    FILES.setdefault(_line.partition("::")[0], []).append(_line)
 
 
 def mark_listed(items: Iterable[pytest.Item], named: Iterable[str]) -> None:
@@ -26,7 +28,7 @@ def mark_listed(items: Iterable[pytest.Item], named: Iterable[str]) -> None:
     for item in items:
         file = item.nodeid.partition("::")[0]
         files.add(file)
-        lines = [line for line in LISTED if file in FILES and _stands_for(line, item.nodeid)]
+        lines = [line for line in FILES.get(file, ()) if _stands_for(line, item.nodeid)]
         if lines:
             found.update(lines)
             item.add_marker(pytest.mark.long)
