@@ -97,6 +97,15 @@ def test_a_shaft_that_is_held_under_a_constant_input_is_reported() -> None:
     assert told(blocked(recorded(u), 6.0, 8.0)) == {"output-stops"}
 
 
+def test_a_dead_zone_after_a_coast_is_not_called_a_blocked_shaft() -> None:
+    """A motor comes from full speed under next to no input, and stays where 0.4 V don't overcome its friction, until 1 V does."""
+    u = np.repeat([4.0, 0.05, 0.4, 1.0], [400, 60, 100, 100])
+    stiff = Truth(coulomb_torque=3.2e-3)
+    whole = dataset(seed=1, samples=len(u), sample_time=SAMPLE_TIME, u=u, truth=stiff, chain="derivative")
+
+    assert told(whole.part(402 * SAMPLE_TIME, len(u) * SAMPLE_TIME)) == set()
+
+
 def test_a_shaft_that_hasnt_moved_yet_may_be_held_by_static_friction() -> None:
     """One that has turned under this input was stopped by something else."""
     turning = recorded(np.full(SAMPLES, 2.0))

@@ -74,3 +74,14 @@ def test_a_shaft_that_turns_on_over_a_gap_did_not_stand(apart: float) -> None:
     turning = 0.002 * rows + 0.01 * np.arange(len(rows)) % 2
 
     assert "gap-input-unknown" in codes(replace(record, u=u, y=turning, t_output=record.t_output + apart))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.02])
+def test_a_settled_speed_does_not_show_that_nothing_is_missing(noise: float) -> None:
+    """It is the same before and after 400 rows that were lost, as it would be before and after any other time."""
+    rows = np.delete(np.arange(4000), np.concatenate([np.arange(k, k + 400) for k in (900, 2000, 3200)]))
+    speed = 20.0 * (1.0 - np.exp(-rows / 50.0)) + noise * np.random.default_rng(1).standard_normal(len(rows))
+    whole = dataset(seed=3, samples=4000, u=np.ones(4000), chain="derivative")
+    lost = replace(whole, t_input=0.002 * rows, t_output=0.002 * rows, u=whole.u[rows], y=speed)
+
+    assert "times-of-reading" not in codes(lost)

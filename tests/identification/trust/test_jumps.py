@@ -35,6 +35,19 @@ def test_a_value_that_was_read_a_row_late_is_no_jump() -> None:
     assert not len(jumps(0.02 * np.arange(200) + late, way, 0.0))
 
 
+@pytest.mark.parametrize("late", [0.012, 0.05])
+def test_a_row_that_is_written_with_an_earlier_time_is_no_jump(late: float) -> None:
+    """A row every 10 ms, or so, from a slow link: one has the time of the row before, and the next step is longer for that."""
+    uneven = 0.001 * np.random.default_rng(2).standard_normal(400)
+    taken = 0.01 * np.arange(400) + uneven
+    written = taken.copy()
+    taken[200:] += late  # after a pause of the link, whose first row says a time from before it
+    written[201:] += late
+
+    assert not len(jumps(written, np.floor(9.0 * taken / 0.0175) * 0.0175, 0.0175))
+    assert jumps(taken, 9.0 * taken + np.where(taken > 2.0, 1.0, 0.0), 0.0).size
+
+
 def test_several_are_found() -> None:
     assert jumps(T, turning(at_200=1.0, at_400=-1.0, at_900=3.0), QUANTUM).tolist() == [200, 400, 900]
 

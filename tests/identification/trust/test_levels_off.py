@@ -98,3 +98,15 @@ def test_a_motor_that_warms_up_on_a_short_staircase_has_no_bend() -> None:
     settled = 20.0 * (levels - 0.2) * np.array([1.0, 0.935, 0.87])
 
     assert not sentences(about_fit(fitted(speeds(levels, settled), "first_order_one_way")))
+
+
+def test_a_position_shows_a_bend_as_its_speed_does() -> None:
+    """A model that explains nearly all of a position may explain far less of the speeds."""
+    data = speeds(LEVELS, np.interp(LEVELS, [0.0, 1.0, 4.0, 8.0], [0.0, 6.0, 18.0, 21.0]))
+    position = np.cumsum(data.y) * STEP
+    travel = dataset(seed=1, samples=len(position), sample_time=STEP, u=data.u, y=position)
+
+    fit = fitted(travel, "first_order_one_way")
+
+    assert fit.fit_percent > 95.0
+    assert sentences(about_fit(fit))

@@ -234,6 +234,31 @@ def test_an_angle_that_wraps_is_reported_and_not_repaired(
     assert repaired.kind == "position"
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_angle_that_wraps_at_a_turn_to_either_side_is_reported_with_false_values_in_the_wraps(
+    sign: float,
+) -> None:
+    """It ends at a turn and begins at the other one; one value of each wrap is two turns off, as its parts were read apart."""
+    degrees = np.degrees(TRAVEL * 8.0)
+    wrapped = np.fmod(degrees, 720.0)
+    wrapped = np.where(wrapped > 360.0, wrapped - 720.0, wrapped)
+    at = np.flatnonzero(np.abs(np.diff(wrapped)) > 360.0)
+    wrapped[at + 1] = wrapped[at] - np.sign(wrapped[at]) * 1080.0
+
+    data = measure(recording(sign * wrapped, "deg"))
+
+    assert len(at) > 2
+    assert codes(data) == {"angle-wraps": Severity.REFUSAL}
+    assert "unwrap 360 deg" in data.findings[0].sentence
+
+
+def test_turns_that_are_lost_are_no_wraps() -> None:
+    """A shaft that turns on and on, whose position lacks a turn from three rows on."""
+    lost = np.cumsum(np.isin(np.arange(len(TRAVEL)), [1000, 2000, 3000]))
+
+    assert "angle-wraps" not in codes(measure(recording(8.0 * TRAVEL - 2 * np.pi * lost, "rad")))
+
+
 @pytest.mark.parametrize(
     ("modulus", "advice"),
     [(modulus, f"unwrap {modulus:.0f} counts") for modulus in (256.0, 1024.0, 2048.0, 4096.0, 65536.0)],

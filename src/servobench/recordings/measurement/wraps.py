@@ -21,6 +21,10 @@ _ALL = 0.9  # of the range: a jump back to where the sensor begins
 _GRADUAL = 0.3  # of the range: more from row to row, and a swing looks like a jump
 _FAST = 0.02  # of the modulus, from row to row: what is always slower is far from the limit
 _SIDES = 2  # steps on either side of a jump that go the other way
+_BEYOND = (
+    1.5  # times the range: what the travel has to be, wraps taken out, if the range is longer than a turn
+)
+_STOPS = 0.05  # of the steps beside it: a smaller step the other way is none
 
 
 def without_wraps(column: Column, stage: Unwrap) -> tuple[Column, list[Finding]]:
@@ -84,16 +88,21 @@ def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]
     """Return a finding if a position, in SI units or in counts, seems to wrap: reported, not repaired.
 
     It has to stay within one modulus (a turn, or a usual width of a counter), jump by more than half of it, and go on
-    after each jump as it went before.
+    after each jump as it went before. Where it wraps at a turn to either side, or has a false value in a wrap, it stays within
+    a few, and its travel is longer.
     """
     span, largest = float(np.ptp(column.x)), float(np.max(np.abs(np.diff(column.x)), initial=0.0))
     for stage in _usual_moduli(column.unit, counts_per_rev):
         modulus = stage.si_modulus
-        if span <= modulus * (1.0 + 1e-6) and largest > 0.5 * modulus:
-            unwrapping = unwrap(column.x, modulus)
-            jumps = np.flatnonzero(unwrapping.wrap)
-            if _goes_on(unwrapping.delta, jumps):
-                return [_wraps(column, stage, column.rows[jumps])]
+        if largest <= 0.5 * modulus:
+            continue
+        unwrapping = unwrap(column.x, modulus)
+        jumps = np.flatnonzero(unwrapping.wrap)
+        is_within = span <= modulus * (1.0 + 1e-6)
+        comes_back = column.unit == "rad" and float(np.ptp(unwrapping.count)) > _BEYOND * span
+        if (is_within or comes_back) and _goes_on(unwrapping.delta, jumps):
+            return [_wraps(column, stage, column.rows[jumps])]
+        if is_within:
             break
     return _begins_anew(column, span)
 
@@ -139,7 +148,7 @@ def _goes_on(delta: Array, jumps: NDArray[np.intp]) -> bool:
     sides = np.concatenate([delta, [0.0]])
     beside = sides[jumps - 1] + sides[jumps + 1]
     small = np.abs(delta[jumps]) <= 2.0 * np.max(np.abs(np.delete(delta, jumps)), initial=0.0)
-    return bool(np.mean((beside * delta[jumps] >= 0.0) & small) >= 0.9)
+    return bool(np.mean((beside * delta[jumps] >= -_STOPS * beside**2) & small) >= 0.9)
 
 
 def _wraps(column: Column, stage: Unwrap, rows: NDArray[np.int64]) -> Finding:

@@ -13,6 +13,7 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.resting_value import is_duty
 from servobench.recordings.measurement.dataset import Dataset
 
+_HARDLY = 1 / 16  # of the largest duty: a pulse so narrow that a driver conducts next to never
 _FIRST = 8  # rows, in which a change shows nothing
 _STARTS = 0.5  # of the speed: what is slower in the first rows sets off there
 _STEADY = 0.1  # of the speed: what one may change by before the duty ends
@@ -22,20 +23,21 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
     if not all(is_duty(record) and _only_coasts(record) for record in records):
         return []
     sentence = (
-        "The speed changes only after the duty has become zero. Many drivers let go of a motor there instead of braking it; it "
-        "then coasts, and takes far longer than it does to follow a duty: the time constant is that of the coast. Record a step "
-        "under power as well."
+        "The speed changes only after the duty has become zero, or next to zero. Many drivers let go of a motor there instead of "
+        "braking it; it then coasts, and takes far longer than it does to follow a duty: the time constant is that of the coast. "
+        "Record a step under power as well."
     )
     return [warning("coast-only", sentence, parameters=("time_constant", "gain", "coulomb_voltage"))]
 
 
 def _only_coasts(record: Dataset) -> bool:
-    """Whether the input becomes zero from one at which the speed is steady, and changes nowhere else but in the first rows."""
+    """Whether the input becomes next to zero from where the speed is steady, and changes nowhere else but in the first rows."""
     changes = np.flatnonzero(np.diff(record.u)) + 1
     later = changes[changes >= _FIRST]
-    if len(later) != 1 or record.u[-1] != 0.0:
+    least = _HARDLY * float(np.abs(record.u).max(initial=0.0))
+    if len(later) != 1 or abs(record.u[-1]) > least:
         return False
-    before = [each for each in steady_speeds(record) if each.level != 0.0]
+    before = [each for each in steady_speeds(record) if abs(each.level) > least]
     if len(before) != 1 or record.starts_at_rest:
         return False
     speed = abs(before[0].speed)

@@ -14,7 +14,7 @@ from servobench.core.finding import Finding, refusal, warning
 from servobench.core.rounding import plain, with_unit
 from servobench.core.runs import runs
 from servobench.identification.models.motion import smooth_speed, smoothing_span
-from servobench.identification.models.steady import stretches_of_input
+from servobench.identification.models.steady import speeds_by_level, stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.recordings.measurement.dataset import Dataset
@@ -264,7 +264,10 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     fastest = float(np.percentile(speed, 95))
     fast = np.abs(u[speed > 0.5 * fastest])
     # Not the median: between pulses a motor coasts at no input at all, and none would then be the usual one.
-    driven = (np.abs(u) >= 0.99 * float(np.sqrt(np.mean(fast**2)))) & (u != 0)
+    usual = float(np.sqrt(np.mean(fast**2)))
+    # A motor is still fast under what no longer drives it: no less than what it was seen to turn under evenly counts.
+    turns = [abs(level) for level, pace in speeds_by_level([data]).items() if abs(pace) > _SLOW * fastest]
+    driven = (np.abs(u) >= 0.99 * max(usual, min(turns, default=0.0))) & (u != 0)
     long = [flat for flat in flats if flat.last - flat.first + 1 >= _PART * len(data.y)]
     lost = _without_effect(data, np.where(driven, u, 0.0), flats, quantum)
     for flat in long:

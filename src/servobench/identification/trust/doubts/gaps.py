@@ -20,6 +20,7 @@ _HELD, _ROWS_LOST = "samples-missed", "rows-not-recorded"
 _BESIDE, _SEVERAL = 5, 3  # rows to either side of a gap, and gaps, that show how the output goes on
 _OFTEN = 0.1  # of the steps: so many are no gaps, but a rate
 _LONG = 8.0  # steps: a shorter gap doesn't show it
+_MOVES = 1.0  # standard deviations of its changes from row to row: what an output has to change by on average to show it
 _LESS = 0.3  # of what is left over if time had gone on: it hasn't
 _IN_EVERY_ROW = (
     0.9  # of the input's values come one to a sample of the output, and not only when the input changed
@@ -84,8 +85,12 @@ def _came_in_bursts(data: Dataset, gaps: NDArray[np.int64]) -> bool:
             continue
         if np.delete(steps[k - _BESIDE : k + 1 + _BESIDE], _BESIDE).max() > GAP * typical:
             continue  # not one gap in even rows
-        row = float(data.y[k + 1 + _BESIDE] - data.y[k + 1] + data.y[k] - data.y[k - _BESIDE]) / (2 * _BESIDE)
-        change = float(data.y[k + 1] - data.y[k])
+        beside = np.concatenate(
+            [np.diff(data.y[k - _BESIDE : k + 1]), np.diff(data.y[k + 1 : k + 2 + _BESIDE])]
+        )
+        row, change = float(beside.mean()), float(data.y[k + 1] - data.y[k])
+        if abs(row) <= _MOVES * float(beside.std()):
+            continue  # an output that stays where it is, as a settled speed does, can't show how long a gap is
         per_row += abs(change - row)
         per_time += abs(change - row * float(steps[k]) / typical)
         count += 1

@@ -17,6 +17,8 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _LARGE = 6.0  # times what is usual among the largest departures
 _QUANTA = 4.0  # steps of the sensor: a few may be lost, or come together, in an interrupt that is late
+_STAYS = 0.5  # of a jump, two samples later
+_LONGER = 8  # samples to either side, whose times don't matter one by one
 _SEAM = 0.4  # of the top speed: what a speed changes by where another run begins, and its model doesn't
 _BESIDE = 3  # samples on either side: a reading that is wrong by itself, or a row late, is no other run
 _SETTLING = 10  # samples that a simulation may take to get to where the other run is
@@ -65,6 +67,7 @@ def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
     it departs from them by is compared with the 99th percentile of all and with four quanta. It has to depart by its size as well
     as by its rate: of a sensor that is read at an even rate some values come a row late, and are written with its time. A shaft
     that friction lets go for a moment, slowly sampled, steps as well: from rest to rest, and no faster than it goes elsewhere.
+    And it has to last, as the next step makes up for a time that was written late.
     """
     if len(y) < 50:
         return np.array([], dtype=np.int64)
@@ -79,7 +82,21 @@ def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
     top = float(np.abs(np.delete(speed, indices)).max(initial=0.0))
     twitches = (usual[indices - 2] == 0.0) & (np.abs(speed[indices]) <= top)
     indices = indices[~twitches]
+    indices = indices[_lasts(t, y, indices)]
     return indices if len(indices) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
+
+
+def _lasts(t: Array, y: Array, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether what positions y (N,) at times t (N,) jump by after samples (K,) is still there two samples later.
+
+    A time that is written late, or early, makes up for itself in the next step.
+    """
+    before, after = indices - 2, indices + 3
+    first, last = np.maximum(before - _LONGER, 0), np.minimum(after + _LONGER, len(y) - 1)
+    way, time = (x[last] - x[after] + x[before] - x[first] for x in (y, t))
+    usual = way / time
+    at_once = y[indices + 1] - y[indices] - usual * (t[indices + 1] - t[indices])
+    return np.asarray(np.abs(y[after] - y[before] - usual * (t[after] - t[before])) > _STAYS * np.abs(at_once))
 
 
 def _middle_and_range(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,10 +40,21 @@ def _about(fit: Fit) -> list[Finding]:
             return [_finding(fit, (levels[0], levels[-1]), sense)]
         if not levels and len(fit.records) == 1:
             levels = _in_one_sense(_speeds_on_a_ramp(fit.records[0].data), sense)
-        bend = _bend(levels) if fit.fit_percent < _EXPLAINED else None
-        if bend is not None:
+        bend = _bend(levels)
+        if bend is not None and _explained(fit) < _EXPLAINED:
             return [_finding(fit, (levels[0], bend, levels[-1]), sense)]
     return []
+
+
+def _explained(fit: Fit) -> float:
+    """The percentage of the speeds that the model explains: a position grows as well under a gain that is a mean."""
+    if any(record.data.kind == "speed" for record in fit.records):
+        return fit.fit_percent
+    speeds = [smooth_speed(record.data) for record in fit.records]
+    fitted = [smooth_speed(replace(record.data, y=record.prediction)) for record in fit.records]
+    off = np.concatenate(speeds) - np.concatenate(fitted)
+    varies = np.concatenate([speed - speed.mean() for speed in speeds])
+    return 100.0 * (1.0 - float(np.linalg.norm(off) / max(np.linalg.norm(varies), np.finfo(float).tiny)))
 
 
 def _speeds_on_a_ramp(data: Dataset) -> dict[float, float]:
@@ -58,12 +70,17 @@ def _speeds_on_a_ramp(data: Dataset) -> dict[float, float]:
 
 
 def _in_one_sense(speeds: dict[float, float], sense: float) -> list[tuple[float, float]]:
-    """The levels of an input of that sign at which the shaft turns, ascending, and the speeds there; both without the sign."""
-    each = sorted((sense * level, sense * speed) for level, speed in speeds.items() if sense * level > 0.0)
+    """The levels of an input of that sign at which the shaft turns, ascending, and the speeds there; both without the sign.
+
+    Where the shaft turns against what most levels make of it, it hasn't settled, and there are no levels.
+    """
+    way = float(np.sign(sum(level * speed for level, speed in speeds.items())))
+    each = sorted(
+        (sense * level, sense * way * speed) for level, speed in speeds.items() if sense * level > 0.0
+    )
     largest = max((abs(speed) for _, speed in each), default=0.0)
     turning = [point for point in each if abs(point[1]) > _MOVES * largest]
-    same_way = {point[1] > 0.0 for point in turning}
-    return [(level, abs(speed)) for level, speed in turning] if len(same_way) == 1 else []
+    return turning if all(speed > 0.0 for _, speed in turning) else []
 
 
 def _drives_without_input(levels: Sequence[tuple[float, float]], offset: float) -> bool:

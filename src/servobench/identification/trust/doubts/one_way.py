@@ -84,7 +84,7 @@ def _of_constant(fit: Fit, name: str) -> Finding:
         )
         return warning("offset-negative", sentence, parameters=parameters)
     sentence = (
-        f"{with_unit(estimate.value, estimate.unit)} of the input is lost before the motor "
+        f"{with_unit(abs(estimate.value), estimate.unit)} of the input is lost before the motor "
         "turns; a model without this offset would get the gain wrong."
     )
     return info("offset-found", sentence, parameters=parameters)

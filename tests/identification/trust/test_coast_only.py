@@ -1,0 +1,30 @@
+"""A record that shows nothing but a coast."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import dataset
+
+
+def after_full_duty(last: float, unit: str = "%") -> Dataset:
+    """100 % for a second, and another duty for the next, recorded from when the speed is steady."""
+    percent = np.where(np.arange(1000) < 500, 100.0, last)
+    whole = dataset(seed=1, samples=1000, u=0.04 * percent, chain="derivative")
+    return replace(replace(whole, u=percent, input_unit=unit).part(0.6, 2.0), input_before=100.0)
+
+
+@pytest.mark.parametrize("last", [0.0, 0.8, -2.0])
+def test_next_to_no_duty_is_a_coast_as_none_is(last: float) -> None:
+    """Pulses of two parts in 255 drive nothing: a bridge lets go of the motor for all of the time between them."""
+    assert [each.code for each in DOUBTS["coast_only"].about_data([after_full_duty(last)])] == ["coast-only"]
+
+
+@pytest.mark.parametrize(("last", "unit"), [(20.0, "%"), (-100.0, "%"), (0.0, "V")])
+def test_another_duty_or_a_voltage_is_none(last: float, unit: str) -> None:
+    assert not DOUBTS["coast_only"].about_data([after_full_duty(last, unit)])
