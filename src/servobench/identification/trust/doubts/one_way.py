@@ -47,10 +47,12 @@ def _one_way(fit: Fit) -> list[Finding]:
         ]
     estimate = fit["coulomb_voltage"]
     name = parameter_in_words("coulomb_voltage", estimate.unit)
+    backward = fit.structure == "first_order_one_way" and _sense(fit) < 0.0 and estimate.value < 0.0
+    sign = " Below zero it brakes a motor that turns backward, as this one did." if backward else ""
     together = info(
         "friction-and-offset-together",
         f"The motor turned one way only, so Coulomb friction and an offset can't be separated: the {name} is their "
-        "sum. Let it turn both ways.",
+        f"sum. Let it turn both ways.{sign}",
         parameters=("coulomb_voltage",),
     )
     if _input_hardly_matters(fit):
@@ -66,7 +68,7 @@ def _of_constant(fit: Fit, name: str) -> Finding:
     """The finding on a constant that is known to be one, under its `name` in words: whether it brakes or drives the motor."""
     estimate, parameters = fit["coulomb_voltage"], ("coulomb_voltage", "gain")
     # The motor's equation has -K u_c, which brakes where it is against ω: K u_c ω > 0.
-    turns = float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
+    turns = _sense(fit)
     is_flag = fit.records[0].data.input_unit == "1"  # what it switches is unknown
     brakes = fit.structure == "first_order_one_way_rest"  # as it holds the shaft, whichever way that turns
     helps = estimate.value * fit["gain"].value * turns < 0 and not brakes
@@ -88,6 +90,11 @@ def _of_constant(fit: Fit, name: str) -> Finding:
         "turns; a model without this offset would get the gain wrong."
     )
     return info("offset-found", sentence, parameters=parameters)
+
+
+def _sense(fit: Fit) -> float:
+    """1 where the motor turned forward for most of the time, -1 where it turned backward."""
+    return float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
 
 
 def _input_hardly_matters(fit: Fit) -> bool:
