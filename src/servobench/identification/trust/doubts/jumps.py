@@ -96,7 +96,9 @@ def _lasts(t: Array, y: Array, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
     way, time = (x[last] - x[after] + x[before] - x[first] for x in (y, t))
     usual = way / time
     at_once = y[indices + 1] - y[indices] - usual * (t[indices + 1] - t[indices])
-    return np.asarray(np.abs(y[after] - y[before] - usual * (t[after] - t[before])) > _STAYS * np.abs(at_once))
+    return np.asarray(
+        np.abs(y[after] - y[before] - usual * (t[after] - t[before])) > _STAYS * np.abs(at_once)
+    )
 
 
 def _middle_and_range(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
