@@ -43,12 +43,12 @@ def _about(fit: Fit) -> list[Finding]:
             levels = _in_one_sense(_speeds_on_a_ramp(fit.records[0].data), sense)
         bend = _bend(levels)
         # A coarse encoder's speed on a ramp is bent by its steps: there its position is what has to be explained.
-        if bend is not None and (fit.fit_percent if is_ramp_alone else _explained(fit)) < _EXPLAINED:
+        if bend is not None and (fit.fit_percent if is_ramp_alone else _percent_of_speed(fit)) < _EXPLAINED:
             return [_finding(fit, (levels[0], bend, levels[-1]), sense)]
     return []
 
 
-def _explained(fit: Fit) -> float:
+def _percent_of_speed(fit: Fit) -> float:
     """The percentage of the speeds that the model explains: a position grows as well under a gain that is a mean."""
     if any(record.data.kind == "speed" for record in fit.records):
         return fit.fit_percent

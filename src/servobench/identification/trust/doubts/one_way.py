@@ -86,8 +86,8 @@ def _of_constant(fit: Fit, name: str) -> Finding:
         )
         return warning("offset-negative", sentence, parameters=parameters)
     sentence = (
-        f"{with_unit(abs(estimate.value), estimate.unit)} of the input is lost at the speeds of this record; a model without this "
-        "offset would get the gain wrong. A shaft that stands may take more to set off."
+        f"{with_unit(abs(estimate.value), estimate.unit)} of the input is lost at the speeds of this record; a model without "
+        "this offset would get the gain wrong. A shaft that stands may take more to set off."
     )
     return info("offset-found", sentence, parameters=parameters)
 
