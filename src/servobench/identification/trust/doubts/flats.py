@@ -266,8 +266,8 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     # Not the median: between pulses a motor coasts at no input at all, and none would then be the usual one.
     usual = float(np.sqrt(np.mean(fast**2)))
     # A motor is still fast under what no longer drives it: no less than what it was seen to turn under evenly counts.
-    turns = [abs(level) for level, pace in speeds_by_level([data]).items() if abs(pace) > _SLOW * fastest]
-    driven = (np.abs(u) >= 0.99 * max(usual, min(turns, default=0.0))) & (u != 0)
+    turning = [abs(level) for level, pace in speeds_by_level([data]).items() if abs(pace) > _SLOW * fastest]
+    driven = (np.abs(u) >= 0.99 * max(usual, min(turning, default=0.0))) & (u != 0)
     long = [flat for flat in flats if flat.last - flat.first + 1 >= _PART * len(data.y)]
     lost = _without_effect(data, np.where(driven, u, 0.0), flats, quantum)
     for flat in long:
