@@ -24,6 +24,7 @@ EXCESS = 0.25 * 0.5**2 / 3
 """The second moment of the excess of friction at rest, as a part of it: none in three motors of four, else up to a half."""
 
 _LAG_STEPS = 16  # in a delay, with which its lag is simulated
+_SHORTEST = 0.01  # of a sample time: whether so short a delay is a lag changes nothing
 _SMALL_EXCESS = 0.05
 _SLOW = 0.05  # of the top speed: where the excess has fallen to 37 %
 _WORST = 1e9  # beyond this condition a parameter isn't told from the others
@@ -58,7 +59,7 @@ def cautious(case: Case, motion: Motion) -> dict[str, float]:
     names = _unknown(case, motion)
     names += [] if "coulomb" in names else ["coulomb"]
     columns, moments = [jacobian(case, motor, motion, names)], []
-    if motor.delay > 0.0:
+    if motor.delay > _SHORTEST * motor.sample_time:
         columns.append(_weighed(case, motion, _by_lag(case, motor, motion)))
         moments.append(SHARES)
     if motor.coulomb > 0.0:
