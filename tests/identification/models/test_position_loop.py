@@ -212,3 +212,14 @@ def test_a_motor_on_a_voltage_or_on_an_unrelated_angle_follows_nothing() -> None
 
     assert goal_finding(motor) is None
     assert goal_finding(replace(motor, input_unit="rad")) is None
+
+
+@pytest.mark.parametrize("periods", [4.0, 40.0])
+def test_a_sine_that_drives_a_motor_is_more_than_a_quarter_of_a_period_ahead_and_no_goal(
+    periods: float,
+) -> None:
+    """Command and position in counts: any sine follows any other of its frequency, with the right lag."""
+    u = 100.0 * np.sin(2 * np.pi * periods * np.arange(4000) / 4000)
+    motor = replace(dataset(seed=1, samples=4000, u=0.03 * u), u=u, input_unit="counts", output_unit="counts")
+
+    assert goal_finding(motor) is None

@@ -13,6 +13,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.identification.trust.doubts.delay import _sets_off_after_input
 from servobench.recordings.measurement.base import Kind
 from tests.datasets import dataset
 from tests.identification.trust.test_explanations import two_masses
@@ -135,3 +136,15 @@ def _doubts(fit: Fit) -> list[Finding]:
     about_fit = DOUBTS["delay"].about_fit
     assert about_fit is not None
     return list(about_fit(fit))
+
+
+@pytest.mark.parametrize(("late", "after_it"), [(0, True), (20, False)])
+def test_a_start_from_rest_right_after_a_change_of_the_input_shows_that_it_is_in_its_row(
+    late: int, after_it: bool
+) -> None:
+    """Levels that move nothing come first; a start long after one of them shows nothing."""
+    u = np.repeat([0.0, 0.1, 3.0, 0.0], 500)
+    data = dataset(seed=1, samples=2000, u=u)
+    shown = replace(data, u=np.concatenate([np.zeros(late), u[: len(u) - late]]))
+
+    assert _sets_off_after_input([shown], 0.04) == after_it

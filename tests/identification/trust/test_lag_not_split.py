@@ -97,3 +97,15 @@ def test_a_lag_of_which_nothing_is_known_is_refused() -> None:
 
     assert widen_for_lag_split(before) is before
     assert parameter_statuses(before)["time_constant"].state is State.UNKNOWN
+
+
+def test_no_part_is_longer_than_the_sum_may_be() -> None:
+    """The delay may be below zero by the two rows that columns may be out of step, and the sum by its own interval."""
+    before = fit_with(gain=0.01, tau=0.9, delay=0.9, correlation=-0.995)
+    after = widen_for_lag_split(before)
+    lag = after["time_constant"].value + after["delay"].value
+    half = 1.96 * np.sqrt(variance_of_the_lag(before))
+    step = before.records[0].data.sample_time
+
+    assert before["time_constant"].interval[1] > after.intervals["time_constant"][1]
+    assert after.intervals["time_constant"][1] == pytest.approx(lag + half + 2 * step, rel=1e-3)

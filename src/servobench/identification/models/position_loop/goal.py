@@ -13,17 +13,19 @@ _FOLLOWS = (
     1.2,
 )  # position for each unit of the input: one, but for gravity, friction and what is still on its way
 _EXPLAINED = 0.8  # of the position's variance
+_QUARTER = 0.25  # of a period: what drives a motor is at least so far ahead of its position
 _LAGS = np.append(0.0, 2.0 ** np.arange(0, 10))  # in sample times, up to a tenth of the record
 
 
 def goal_finding(data: Dataset) -> Finding | None:
     """Return a finding where the input is in the unit of the position and the position follows it; None otherwise.
 
-    A motor's position is the integral of what drives it, so only a loop can make it follow.
+    A motor's position is the integral of what drives it, so only a loop can make it follow by less than a quarter of a period.
     """
     if data.kind != "position" or data.input_unit != data.position_unit or len(data.y) < 20:
         return None
-    lags = _LAGS[_LAGS * data.sample_time <= max(0.1 * data.duration, data.sample_time)] * data.sample_time
+    latest = max(min(0.1 * data.duration, _QUARTER * _period(data)), data.sample_time)
+    lags = _LAGS[_LAGS * data.sample_time <= latest] * data.sample_time
     lines = [_line(_input_at(data, data.t_output - lag), data.y) for lag in lags]
     slope, explained = max(lines, key=lambda line: line[1])
     if explained < _EXPLAINED or slope <= 0:
@@ -42,6 +44,12 @@ def goal_finding(data: Dataset) -> Finding | None:
         f"{follows} A load, such as gravity, or a limit keeps the position off its target, which the position_loop structures "
         "can't describe; remove the load, or record the motor's voltage.",
     )
+
+
+def _period(data: Dataset) -> float:
+    """The time [s] in which the input goes to and fro about its mean, on average; longer than the record where it doesn't."""
+    changes = np.count_nonzero(np.diff(data.u > data.u.mean()))
+    return 2.0 * data.duration / max(changes, 1)
 
 
 def _input_at(data: Dataset, t: Array) -> Array:

@@ -17,6 +17,7 @@ from servobench.identification.estimators.least_squares import NormalEquations, 
 from servobench.identification.models.base import as_protocol
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.feedback import answers_to_output
+from servobench.recordings.measurement.dataset import Dataset
 
 # Of a shaft that carries its load by a spring, the zeros lead: a fast pole and a delay of minus its time constant together follow
 # the input at once. Their sum says when the output begins.
@@ -117,6 +118,16 @@ def _is_at_its_shortest(fit: Fit) -> bool:
     return bool(fit.model["delay"] <= shortest[fit.model.names.index("delay")])
 
 
+def _sets_off_after_input(records: Sequence[Dataset], within: float) -> bool:
+    """Whether a record shows its shaft set off from rest within so long [s] after a change of the input: no column is late."""
+    for record in records:
+        motion = record.first_motion
+        changes = record.t_input[1:][np.diff(record.u) != 0.0]
+        if motion is not None and np.any((changes < motion.effect) & (changes >= motion.effect - within)):
+            return True
+    return False
+
+
 def _earlier_still(fit: Fit) -> float:
     """By how much the output comes before its input [s], where that explains clearly more than the shortest delay; else 0.
 
@@ -138,7 +149,11 @@ def _earlier_still(fit: Fit) -> float:
             )
     best, shifted, shift = min(trials, key=lambda each: each[0].cost)
     ahead = float(shift - best.theta[fit.model.names.index("delay")])
-    if best.cost >= _LEFT * as_it_is.cost or ahead <= _ROWS[0] * step:
+    if (
+        best.cost >= _LEFT * as_it_is.cost
+        or ahead <= _ROWS[0] * step
+        or _sets_off_after_input(records, ahead)
+    ):
         return 0.0
     residuals = (jacobian_and_residual(*each)[1] for each in zip(shifted, best.predictions, strict=True))
     likelier = np.log(as_it_is.cost / max(best.cost, np.finfo(float).tiny))

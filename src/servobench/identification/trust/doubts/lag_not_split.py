@@ -43,7 +43,7 @@ def widen_for_lag_split(fit: Fit) -> Fit:
     spread = ((whole - tau.value) ** 3 - (none - tau.value) ** 3) / (3 * (whole - none))
     split = np.zeros(len(theta))
     split[at], split[late] = 1.0, -1.0
-    longest = max(tau.interval[1], whole + half)
+    longest = whole + half
     intervals = {
         **fit.intervals,
         "time_constant": (none, longest),
