@@ -48,7 +48,7 @@ def goal_finding(data: Dataset) -> Finding | None:
 
 def _period(data: Dataset) -> float:
     """The time [s] in which the input goes to and fro about its mean, on average; longer than the record where it doesn't."""
-    changes = np.count_nonzero(np.diff(data.u > data.u.mean()))
+    changes = int(np.count_nonzero(np.diff(data.u > data.u.mean())))
     return 2.0 * data.duration / max(changes, 1)
 
 
