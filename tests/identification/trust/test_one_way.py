@@ -28,15 +28,15 @@ def test_friction_that_holds_the_shaft_brakes_it_whichever_way_it_turns(way: flo
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_constant_that_brakes_a_motor_which_turns_backward_is_explained_by_its_size(way: float) -> None:
-    """It acts on the input, and so has the sign of the way: the sentences say what is lost, and why it is below zero."""
+def test_a_constant_below_zero_that_brakes_is_explained_and_stated_by_its_size(way: float) -> None:
+    """It acts on the input, and so has its sign: the sentences say what is lost, and why it is below zero."""
     data = dataset(seed=1, samples=len(T), u=way * np.where(T % 2.0 < 1.0, 3.0, 2.0))
     fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
 
     together, lost = (each.sentence for each in DOUBTS["one_way"].about_fit(fit))
 
     assert np.sign(fit["coulomb_voltage"].value) == way
-    assert ("turns backward, as this one did" in together) == (way < 0.0)
+    assert ("below zero as the input was" in together) == (way < 0.0)
     assert lost.startswith("0.16")  # 8.4 Ω times 0.8 mN·m over 0.042 V·s
 
 

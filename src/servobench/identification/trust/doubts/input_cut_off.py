@@ -66,10 +66,10 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     return len(turn) >= _FEWEST and bool(np.mean(turn) >= _MOST)
 
 
-def _turns_round(speed: Array, by: float, noise: float) -> bool:
+def _turns_round(speed: Array, by: float, beyond: float) -> bool:
     """Whether a speed is larger within a stretch than at either end of it, which no constant input makes it, by so much.
 
-    The means of its parts have to show that, too, by more than the noise.
+    The means of its parts have to show that, too, by more than noise makes of them.
     """
     means = _means(speed)
     at = int(speed.argmax())
@@ -77,21 +77,21 @@ def _turns_round(speed: Array, by: float, noise: float) -> bool:
     return (
         inner
         and speed[at] - max(speed[0], speed[-1]) > by
-        and float(means.max() - max(means[0], means[-1])) > noise
+        and float(means.max() - max(means[0], means[-1])) > beyond
     )
 
 
-def _rises_again(speed: Array, top: float, noise: float) -> bool:
+def _rises_again(speed: Array, top: float, beyond: float) -> bool:
     """Whether a speed is another one at once in a stretch, after it had settled, as it is on the stairs of a staircase.
 
-    The change is by more than the noise of a part's mean, which both of its sides have.
+    The change is by more than noise makes of a part's mean, on both of its sides.
     """
     if len(speed) < 2 * _PARTS:
         return False
     change = np.abs(np.diff(_means(speed)))
     small = change < _SETTLED * top
     settled = np.flatnonzero(small[1:] & small[:-1])  # a single small one may be chance
-    return len(settled) > 0 and float(change[settled[0] :].max()) > max(_AT_ONCE * top, np.sqrt(2) * noise)
+    return len(settled) > 0 and float(change[settled[0] :].max()) > max(_AT_ONCE * top, np.sqrt(2) * beyond)
 
 
 def _means(speed: Array) -> Array:
