@@ -180,3 +180,14 @@ def test_an_input_that_is_logged_long_after_it_acted_is_misaligned_and_no_motor_
 
     assert "delay-negative" in codes(np.concatenate([np.zeros(late), u[:-late]]))
     assert "delay-negative" not in codes(u)
+
+
+def test_a_start_that_follows_its_input_answers_that_it_came_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The record of the test above, as if its shaft had been seen to set off right after the input."""
+    u = np.repeat(np.array([0, 2, 4, 6, 8, 6, 4, 2, 0, -2, -4, -6, -8, -6, -4, -2, 0], dtype=np.float64), 200)
+    motor = MOTOR._replace(coulomb_torque=1e-2, inertia=4 * MOTOR.inertia)
+    speed = np.gradient(march(motor, u, 0.01, step=1e-5)[:, 2], 0.01)
+    late = of_speed(0.01 * np.arange(len(u)), np.concatenate([np.zeros(20), u[:-20]]), speed)
+    monkeypatch.setattr("servobench.identification.trust.doubts.delay._sets_off_in_time", lambda *_: True)
+
+    assert "delay-negative" not in {finding.code for finding in identify(late).findings}

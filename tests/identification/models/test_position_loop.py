@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import accumulate
 
 import numba
 import numpy as np
@@ -214,7 +215,16 @@ def test_a_motor_on_a_voltage_or_on_an_unrelated_angle_follows_nothing() -> None
     assert goal_finding(replace(motor, input_unit="rad")) is None
 
 
-@pytest.mark.parametrize("periods", [4.0, 40.0])
+def test_noise_on_a_goal_that_rests_at_its_mean_hides_no_loop() -> None:
+    goal = np.tile(np.repeat([0.0, 30.0, 0.0, -30.0], 500), 3)
+    lag = np.exp(-0.002 / 0.3)
+    y = np.array(list(accumulate(goal, lambda before, to: to + lag * (before - to))))
+    noisy = goal + 0.03 * np.random.default_rng(1).standard_normal(len(goal))
+
+    assert goal_finding(replace(dataset(seed=1, samples=len(y), u=noisy, y=y), input_unit="rad")) is not None
+
+
+@pytest.mark.parametrize("periods", [4.0, 16.0])
 def test_a_sine_that_drives_a_motor_is_more_than_a_quarter_of_a_period_ahead_and_no_goal(
     periods: float,
 ) -> None:

@@ -13,7 +13,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
-from servobench.identification.trust.doubts.delay import _sets_off_after_input
+from servobench.identification.trust.doubts.delay import _sets_off_in_time
 from servobench.recordings.measurement.base import Kind
 from tests.datasets import dataset
 from tests.identification.trust.test_explanations import two_masses
@@ -138,13 +138,21 @@ def _doubts(fit: Fit) -> list[Finding]:
     return list(about_fit(fit))
 
 
-@pytest.mark.parametrize(("late", "after_it"), [(0, True), (20, False)])
-def test_a_start_from_rest_right_after_a_change_of_the_input_shows_that_it_is_in_its_row(
-    late: int, after_it: bool
-) -> None:
-    """Levels that move nothing come first; a start long after one of them shows nothing."""
+@pytest.mark.parametrize(("late", "in_time"), [(0, True), (20, False)])
+def test_a_start_from_rest_shows_whether_the_input_is_in_its_row(late: int, in_time: bool) -> None:
+    """Levels that move nothing come first: a start long after one of them shows nothing, one before its own that it is late."""
     u = np.repeat([0.0, 0.1, 3.0, 0.0], 500)
     data = dataset(seed=1, samples=2000, u=u)
     shown = replace(data, u=np.concatenate([np.zeros(late), u[: len(u) - late]]))
+    by_rows = np.concatenate([np.full(late, data.y[0]), data.y[: len(u) - late]])
 
-    assert _sets_off_after_input([shown], 0.04) == after_it
+    assert _sets_off_in_time(shown, by_rows, 0.04) == in_time
+
+
+def test_the_noise_of_a_measured_voltage_is_no_change_that_a_shaft_answers_to() -> None:
+    levels = np.repeat([0.0, 3.0, 1.0, 2.0, 1.0, 3.0, 1.0], [100, *[200] * 6])
+    data = dataset(seed=1, samples=len(levels), u=levels, chain="derivative")
+    noise = 2e-3 * np.random.default_rng(1).standard_normal(len(levels))
+    late = replace(data, u=np.concatenate([np.zeros(5), levels[:-5]]) + noise)
+
+    assert "delay-negative" in {each.code for each in identify(late).findings}

@@ -97,6 +97,14 @@ def test_a_shaft_that_is_held_under_a_constant_input_is_reported() -> None:
     assert told(blocked(recorded(u), 6.0, 8.0)) == {"output-stops"}
 
 
+def test_a_shaft_that_is_held_under_a_sine_before_a_level_is_reported() -> None:
+    """The level above the sine's amplitude, at which the motor turns evenly, isn't the least that drives it."""
+    t = SAMPLE_TIME * np.arange(SAMPLES)
+    u = np.where(t < 9.3, 3.0 * np.sin(np.pi * t), 3.6)
+
+    assert told(blocked(recorded(u), 6.4, 8.0)) == {"output-stops"}
+
+
 def test_a_dead_zone_after_a_coast_is_not_called_a_blocked_shaft() -> None:
     """A motor comes from full speed under next to no input, and stays where 0.4 V don't overcome its friction, until 1 V does."""
     u = np.repeat([4.0, 0.05, 0.4, 1.0], [400, 60, 100, 100])

@@ -85,3 +85,13 @@ def test_a_settled_speed_does_not_show_that_nothing_is_missing(noise: float) -> 
     lost = replace(whole, t_input=0.002 * rows, t_output=0.002 * rows, u=whole.u[rows], y=speed)
 
     assert "times-of-reading" not in codes(lost)
+
+
+@pytest.mark.parametrize("volts", [0.8, 1.0, 3.0])
+def test_the_bursts_of_a_differenced_speed_are_seen_as_well(volts: float) -> None:
+    rows = np.arange(2000)
+    whole = dataset(seed=3, kind="prbs", hold=20)
+    slow = dataset(seed=3, samples=2000, u=volts * np.sign(whole.u[rows]), chain="derivative")
+    times = 0.002 * rows - 0.001 * (rows % 40)
+
+    assert "times-of-reading" in codes(replace(slow, t_input=times, t_output=times))

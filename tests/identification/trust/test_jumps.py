@@ -48,6 +48,12 @@ def test_a_row_that_is_written_with_an_earlier_time_is_no_jump(late: float) -> N
     assert jumps(taken, 9.0 * taken + np.where(taken > 2.0, 1.0, 0.0), 0.0).size
 
 
+def test_turns_that_are_lost_a_few_rows_apart_are_found() -> None:
+    lost = 2 * np.pi * np.searchsorted([300, 305, 310], np.arange(1000))
+
+    assert len(jumps(T, 20.0 * T - lost, QUANTUM)) == 3
+
+
 def test_several_are_found() -> None:
     assert jumps(T, turning(at_200=1.0, at_400=-1.0, at_900=3.0), QUANTUM).tolist() == [200, 400, 900]
 

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from servobench.core.finding import Finding, Verdict
 from servobench.identification.identify import identify
 from servobench.identification.trust.doubts.base import about_fit
+from servobench.identification.trust.doubts.levels_off import _in_one_sense
 from servobench.recordings.measurement.dataset import Dataset
 from tests.contracts.finding_examples.base import fitted
 from tests.datasets import dataset
+from tests.rig.motor.reference import Truth, march
 
 LEVELS = np.arange(1.0, 9.0)  # V
 STEP, TAU = 0.01, 0.08  # s
@@ -110,3 +112,19 @@ def test_a_position_shows_a_bend_as_its_speed_does() -> None:
 
     assert fit.fit_percent > 95.0
     assert sentences(about_fit(fit))
+
+
+def test_a_speed_against_the_others_is_none_that_settled() -> None:
+    """Five rows under each input, and a motor that hasn't turned round by then."""
+    assert not _in_one_sense({-2.0: 1.9, -0.4: 0.8, 2.0: 20.0, 4.0: 41.0}, -1.0)
+    assert _in_one_sense({-2.0: -19.0, -0.4: -0.8, 2.0: 20.0}, -1.0) == [(2.0, 19.0)]
+
+
+def test_the_steps_of_a_coarse_encoder_bend_no_ramp() -> None:
+    """24 steps to a turn, on a ramp from rest through friction: the position is explained, its differences are not."""
+    u = np.linspace(0.0, 6.0, 3000)
+    angle = march(Truth(coulomb_torque=8e-3), u, 0.002)[:, 2]
+    step = 2 * np.pi / 24
+    data = replace(dataset(seed=1, samples=len(u), u=u, y=np.floor(angle / step) * step), quantum=step)
+
+    assert not sentences(about_fit(fitted(data, "first_order_one_way_rest")))

@@ -12,6 +12,7 @@ from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
 from servobench.identification.trust.doubts.one_way import hardly_turns_back
 from tests.datasets import dataset
+from tests.rig.motor.reference import Truth
 
 T = 0.002 * np.arange(4000)
 
@@ -27,17 +28,30 @@ def test_friction_that_holds_the_shaft_brakes_it_whichever_way_it_turns(way: flo
     ]
 
 
+@pytest.mark.parametrize("wired", [1.0, -1.0])
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_constant_below_zero_that_brakes_is_explained_and_stated_by_its_size(way: float) -> None:
+def test_a_constant_below_zero_that_brakes_is_explained_and_stated_by_its_size(
+    way: float, wired: float
+) -> None:
     """It acts on the input, and so has its sign: the sentences say what is lost, and why it is below zero."""
     data = dataset(seed=1, samples=len(T), u=way * np.where(T % 2.0 < 1.0, 3.0, 2.0))
+    data = replace(data, y=wired * data.y)
     fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
 
     together, lost = (each.sentence for each in DOUBTS["one_way"].about_fit(fit))
 
     assert np.sign(fit["coulomb_voltage"].value) == way
-    assert ("below zero as the input was" in together) == (way < 0.0)
+    assert ("below zero because the input was" in together) == (way < 0.0)
     assert lost.startswith("0.16")  # 8.4 Ω times 0.8 mN·m over 0.042 V·s
+
+
+def test_a_constant_that_may_be_nothing_is_not_explained() -> None:
+    data = dataset(
+        seed=1, samples=len(T), u=-np.where(T % 2.0 < 1.0, 3.0, 2.0), truth=Truth(coulomb_torque=0.0)
+    )
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+
+    assert not any("below zero" in each.sentence for each in DOUBTS["one_way"].about_fit(fit))
 
 
 def test_a_start_speed_that_is_gone_at_once_is_no_turning() -> None:

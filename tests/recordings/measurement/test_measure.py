@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -250,6 +251,15 @@ def test_an_angle_that_wraps_at_a_turn_to_either_side_is_reported_with_false_val
     assert len(at) > 2
     assert codes(data) == {"angle-wraps": Severity.REFUSAL}
     assert "unwrap 360 deg" in data.findings[0].sentence
+
+
+def test_a_shaft_that_turns_by_more_than_half_a_turn_a_row_to_and_fro_does_not_wrap() -> None:
+    """Faster one way than the other: without turns that aren't there it would go the other way all the time."""
+    speed = np.tile(np.concatenate([np.full(60, 440.0), np.full(100, -262.0)]), 5)
+    lag = np.exp(-0.01 / 0.05)
+    turned = 0.01 * np.cumsum(list(accumulate(speed, lambda before, to: to + lag * (before - to))))
+
+    assert "angle-wraps" not in codes(measure(recording(turned, "rad", t=0.01 * np.arange(len(speed)))))
 
 
 def test_turns_that_are_lost_are_no_wraps() -> None:

@@ -21,9 +21,9 @@ _ALL = 0.9  # of the range: a jump back to where the sensor begins
 _GRADUAL = 0.3  # of the range: more from row to row, and a swing looks like a jump
 _FAST = 0.02  # of the modulus, from row to row: what is always slower is far from the limit
 _SIDES = 2  # steps on either side of a jump that go the other way
-_BEYOND = (
-    1.5  # times the range: what the travel has to be, wraps taken out, if the range is longer than a turn
-)
+_TURNS = 4.0  # that an angle may stay within and wrap at each
+_SELDOM = 0.1  # of the steps: what jumps more often is sampled too rarely to say
+_BEYOND = 1.5  # times such a range: the travel, wraps taken out
 _STOPS = 0.05  # of the steps beside it: a smaller step the other way is none
 
 
@@ -89,7 +89,7 @@ def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]
 
     It has to stay within one modulus (a turn, or a usual width of a counter), jump by more than half of it, and go on
     after each jump as it went before. Where it wraps at a turn to either side, or has a false value in a wrap, it stays within
-    a few, and its travel is longer.
+    four, jumps seldom, and its travel is longer.
     """
     span, largest = float(np.ptp(column.x)), float(np.max(np.abs(np.diff(column.x)), initial=0.0))
     for stage in _usual_moduli(column.unit, counts_per_rev):
@@ -99,7 +99,9 @@ def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]
         unwrapping = unwrap(column.x, modulus)
         jumps = np.flatnonzero(unwrapping.wrap)
         is_within = span <= modulus * (1.0 + 1e-6)
-        comes_back = column.unit == "rad" and float(np.ptp(unwrapping.count)) > _BEYOND * span
+        seldom = len(jumps) <= _SELDOM * len(unwrapping.wrap)
+        is_near = column.unit == "rad" and span <= _TURNS * modulus and seldom
+        comes_back = is_near and float(np.ptp(unwrapping.count)) > _BEYOND * span
         if (is_within or comes_back) and _goes_on(unwrapping.delta, jumps):
             return [_wraps(column, stage, column.rows[jumps])]
         if is_within:

@@ -14,6 +14,7 @@ _FOLLOWS = (
 )  # position for each unit of the input: one, but for gravity, friction and what is still on its way
 _EXPLAINED = 0.8  # of the position's variance
 _QUARTER = 0.25  # of a period: what drives a motor is at least so far ahead of its position
+_BESIDE = 0.1  # of its range: nearer to its mean an input is on neither side
 _LAGS = np.append(0.0, 2.0 ** np.arange(0, 10))  # in sample times, up to a tenth of the record
 
 
@@ -47,9 +48,11 @@ def goal_finding(data: Dataset) -> Finding | None:
 
 
 def _period(data: Dataset) -> float:
-    """The time [s] in which the input goes to and fro about its mean, on average; longer than the record where it doesn't."""
-    changes = int(np.count_nonzero(np.diff(data.u > data.u.mean())))
-    return 2.0 * data.duration / max(changes, 1)
+    """The time [s] in which the input goes to and fro about its mean, on average; twice the record's where it doesn't."""
+    off = data.u - data.u.mean()
+    sides = np.sign(off[np.abs(off) > _BESIDE * np.ptp(off)])
+    halves = 1 + int(np.count_nonzero(np.diff(sides)))
+    return 2.0 * data.duration / halves
 
 
 def _input_at(data: Dataset, t: Array) -> Array:

@@ -31,7 +31,7 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 
 
 def _only_coasts(record: Dataset) -> bool:
-    """Whether the input becomes next to zero from where the speed is steady, and changes nowhere else but in the first rows."""
+    """Whether the input falls to next to zero while the speed is steady, and changes nowhere else but in the first rows."""
     changes = np.flatnonzero(np.diff(record.u)) + 1
     later = changes[changes >= _FIRST]
     least = _HARDLY * float(np.abs(record.u).max(initial=0.0))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, Severity, info, warning
 from servobench.core.rounding import with_unit
@@ -29,6 +30,7 @@ _STEPS = 30  # of a search: what isn't much lower by then doesn't become the bes
 _LEFT = 0.6  # of the squared residuals may be left
 _LIKELIER = 20.0  # in twice the logarithm of a likelihood: five places that are tried reach it by chance once in a thousand
 _SEEN = 0.1  # of a sample time: what is less nobody looks for
+_CHANGED = 0.05  # of the input's range: what is less may be the noise of a voltage that was measured
 _OUT_OF_STEP = 0.6  # of a sample time: a speed that was differenced ahead of its row comes half of one early
 
 
@@ -118,14 +120,21 @@ def _is_at_its_shortest(fit: Fit) -> bool:
     return bool(fit.model["delay"] <= shortest[fit.model.names.index("delay")])
 
 
-def _sets_off_after_input(records: Sequence[Dataset], within: float) -> bool:
-    """Whether a record shows its shaft set off from rest within so long [s] after a change of the input: no column is late."""
-    for record in records:
-        motion = record.first_motion
-        changes = record.t_input[1:][np.diff(record.u) != 0.0]
-        if motion is not None and np.any((changes < motion.effect) & (changes >= motion.effect - within)):
-            return True
-    return False
+def _sets_off_in_time(record: Dataset, prediction: Array, within: float) -> bool:
+    """Whether a record begins at rest, and its shaft sets off when its input makes it: that input isn't late.
+
+    It is no sooner than an output (M,) predicted from the input in its rows is off by as far as can be seen, and at most so long
+    [s] after a change of the input.
+    """
+    motion = record.first_motion
+    if motion is None:
+        return False
+    changes = record.t_input[1:][np.abs(np.diff(record.u)) > _CHANGED * np.ptp(record.u)]
+    seen = np.flatnonzero(np.abs(prediction - prediction[0]) > 2.0 * motion.within)
+    soonest = float(record.t_output[seen[0]]) if len(seen) else np.inf
+    return soonest <= motion.effect and bool(
+        np.any((changes < motion.effect) & (changes >= motion.effect - within))
+    )
 
 
 def _earlier_still(fit: Fit) -> float:
@@ -152,7 +161,7 @@ def _earlier_still(fit: Fit) -> float:
     if (
         best.cost >= _LEFT * as_it_is.cost
         or ahead <= _ROWS[0] * step
-        or _sets_off_after_input(records, ahead)
+        or any(_sets_off_in_time(r, p.y, ahead) for r, p in zip(records, as_it_is.predictions, strict=True))
     ):
         return 0.0
     residuals = (jacobian_and_residual(*each)[1] for each in zip(shifted, best.predictions, strict=True))

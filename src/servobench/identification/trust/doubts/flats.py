@@ -40,6 +40,7 @@ _COUNTED = 50.0  # quanta that show whether a motion is even
 _ONE_STEP = 0.51  # quanta by which even motion may be off its line: half a step, and what a line of least squares adds
 _LONG = 20  # samples under the last input, of which a quarter at least has to show an even speed
 _EVEN = 0.3  # of the speed: what an even one may vary by
+_STAIRS = 0.05  # of the rows: an input that changes in fewer of them is one of levels
 _SLOW = 0.1  # of the speed: so much is as good as rest, and as much less as good as none less
 _AT_REST = 3  # samples
 _SLOWED = 0.5  # of the speed: a motor that loses more of it under the same input is no longer driven by that
@@ -265,8 +266,9 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     fast = np.abs(u[speed > 0.5 * fastest])
     # Not the median: between pulses a motor coasts at no input at all, and none would then be the usual one.
     usual = float(np.sqrt(np.mean(fast**2)))
-    # A motor is still fast under what no longer drives it: no less than what it was seen to turn under evenly counts.
-    turning = [abs(level) for level, pace in speeds_by_level([data]).items() if abs(pace) > _SLOW * fastest]
+    # A motor is still fast under what no longer drives it: of stairs, no less than what it was seen to turn under evenly counts.
+    stairs = speeds_by_level([data]) if np.count_nonzero(np.diff(u)) < _STAIRS * len(u) else {}
+    turning = [abs(level) for level, pace in stairs.items() if abs(pace) > _SLOW * fastest]
     driven = (np.abs(u) >= 0.99 * max(usual, min(turning, default=0.0))) & (u != 0)
     long = [flat for flat in flats if flat.last - flat.first + 1 >= _PART * len(data.y)]
     lost = _without_effect(data, np.where(driven, u, 0.0), flats, quantum)

@@ -20,7 +20,9 @@ _HELD, _ROWS_LOST = "samples-missed", "rows-not-recorded"
 _BESIDE, _SEVERAL = 5, 3  # rows to either side of a gap, and gaps, that show how the output goes on
 _OFTEN = 0.1  # of the steps: so many are no gaps, but a rate
 _LONG = 8.0  # steps: a shorter gap doesn't show it
-_MOVES = 1.0  # standard deviations of its changes from row to row: what an output has to change by on average to show it
+# By how much an output has to change on average to show it, in standard deviations of its changes from row to row: three of those
+# of the mean of ten such changes where each row has noise of its own, as the ends of both sides alone count in it.
+_MOVES = 3.0 * 0.2 / 2**0.5
 _LESS = 0.3  # of what is left over if time had gone on: it hasn't
 _IN_EVERY_ROW = (
     0.9  # of the input's values come one to a sample of the output, and not only when the input changed

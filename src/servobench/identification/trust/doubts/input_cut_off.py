@@ -23,7 +23,10 @@ _FALLS = 0.05  # of the largest speed: by how much less it is at the end
 _MOST = 0.7  # of the stretches
 _PARTS = 12  # of a stretch
 _BEYOND_NOISE = 7.0  # standard deviations of a part's mean, where a single stretch shows it
-_BEYOND_NOISE_EACH = 4.5  # where most of three stretches or more do
+_BY_CHANCE, _BEYOND_CHANCE = (
+    2.2,
+    3.0,
+)  # the same on average over n stretches: what noise alone makes, and this over √n more
 _SETTLED = 0.01  # of the largest speed: what it changes by from one part to the next
 _AT_ONCE = 0.05  # of it: a motor that warms up, or a supply that sags, takes longer than a part
 _PLAINLY = 0.2  # of the largest speed: a rise and a fall of so much under a constant input in a single stretch are enough
@@ -62,8 +65,11 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     plain = _BEYOND_NOISE * noise
     if any(_turns_round(each, _PLAINLY * top, plain) or _rises_again(each, top, plain) for each in stretches):
         return True
-    turn = [_turns_round(each, _FALLS * top, _BEYOND_NOISE_EACH * noise) for each in stretches]
-    return len(turn) >= _FEWEST and bool(np.mean(turn) >= _MOST)
+    turn = [_turns_round(each, _FALLS * top, -np.inf) for each in stretches]
+    if len(turn) < _FEWEST or np.mean(turn) < _MOST:
+        return False
+    chance = (_BY_CHANCE + _BEYOND_CHANCE / len(turn) ** 0.5) * noise
+    return float(np.mean([_rise(_means(each)) for each in stretches])) > chance
 
 
 def _turns_round(speed: Array, by: float, beyond: float) -> bool:
@@ -71,14 +77,9 @@ def _turns_round(speed: Array, by: float, beyond: float) -> bool:
 
     The means of its parts have to show that, too, by more than noise makes of them.
     """
-    means = _means(speed)
     at = int(speed.argmax())
     inner = _INNER[0] * len(speed) <= at <= _INNER[1] * len(speed)
-    return (
-        inner
-        and speed[at] - max(speed[0], speed[-1]) > by
-        and float(means.max() - max(means[0], means[-1])) > beyond
-    )
+    return inner and speed[at] - max(speed[0], speed[-1]) > by and _rise(_means(speed)) > beyond
 
 
 def _rises_again(speed: Array, top: float, beyond: float) -> bool:
@@ -97,6 +98,11 @@ def _rises_again(speed: Array, top: float, beyond: float) -> bool:
 def _means(speed: Array) -> Array:
     """The means of the parts of a stretch."""
     return np.array([part.mean() for part in np.array_split(speed, min(_PARTS, len(speed)))])
+
+
+def _rise(means: Array) -> float:
+    """By how much the largest of a stretch's means lies above the first and the last."""
+    return float(means.max() - max(means[0], means[-1]))
 
 
 def _noise(stretches: Sequence[Array]) -> float:

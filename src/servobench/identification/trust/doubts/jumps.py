@@ -94,11 +94,17 @@ def _lasts(t: Array, y: Array, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
     before, after = indices - 2, indices + 3
     first, last = np.maximum(before - _LONGER, 0), np.minimum(after + _LONGER, len(y) - 1)
     way, time = (x[last] - x[after] + x[before] - x[first] for x in (y, t))
-    usual = way / time
-    at_once = y[indices + 1] - y[indices] - usual * (t[indices + 1] - t[indices])
-    return np.asarray(
-        np.abs(y[after] - y[before] - usual * (t[after] - t[before])) > _STAYS * np.abs(at_once)
-    )
+    speed = np.diff(y) / np.diff(t)
+    # The mean over a coarse encoder's steps, and the median where another jump is near: what lasts by either does.
+    medians = [
+        np.median(np.concatenate([speed[a:b], speed[c:d]]))
+        for a, b, c, d in zip(first, before, after, last, strict=True)
+    ]
+    lasts = np.zeros(len(indices), dtype=np.bool_)
+    for usual in (way / time, np.array(medians)):
+        at_once = y[indices + 1] - y[indices] - usual * (t[indices + 1] - t[indices])
+        lasts |= np.abs(y[after] - y[before] - usual * (t[after] - t[before])) > _STAYS * np.abs(at_once)
+    return lasts
 
 
 def _middle_and_range(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:

@@ -31,7 +31,7 @@ def widen_for_lag_split(fit: Fit) -> Fit:
 
     It follows from a split that is off by s moving θ by s v. s² is the mean square distance of a time constant from the
     estimate, all being as likely between none and the whole lag. The sum keeps its standard deviation. The intervals of the two
-    hold what they held before and every such split.
+    hold every such split, and that of the time constant ends where the sum's does, if the delay is as short as can be.
     """
     if not _is_only_sum_known(fit):
         return fit

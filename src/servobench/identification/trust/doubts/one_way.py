@@ -48,8 +48,8 @@ def _one_way(fit: Fit) -> list[Finding]:
     estimate = fit["coulomb_voltage"]
     name = parameter_in_words("coulomb_voltage", estimate.unit)
     brakes = estimate.value * fit["gain"].value * _sense(fit) > 0.0
-    is_below = fit.structure == "first_order_one_way" and brakes and estimate.value < 0.0
-    sign = " It is below zero as the input was, and brakes the motor." if is_below else ""
+    is_below = fit.structure == "first_order_one_way" and estimate.value < -3 * estimate.sd
+    sign = " It is below zero because the input was, and brakes the motor." if is_below and brakes else ""
     together = info(
         "friction-and-offset-together",
         f"The motor turned one way only, so Coulomb friction and an offset can't be separated: the {name} is their "
