@@ -68,7 +68,7 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     turn = [_turns_round(each, _FALLS * top, -np.inf) for each in stretches]
     if len(turn) < _FEWEST or np.mean(turn) < _MOST:
         return False
-    chance = (_BY_CHANCE + _BEYOND_CHANCE / len(turn) ** 0.5) * noise
+    chance = (_BY_CHANCE + _BEYOND_CHANCE / float(np.sqrt(len(turn)))) * noise
     return float(np.mean([_rise(_means(each)) for each in stretches])) > chance
 
 
