@@ -130,8 +130,8 @@ def _sets_off_in_time(record: Dataset, prediction: Array, within: float) -> bool
     if motion is None:
         return False
     changes = record.t_input[1:][np.abs(np.diff(record.u)) > _CHANGED * np.ptp(record.u)]
-    seen = np.flatnonzero(np.abs(prediction - prediction[0]) > 2.0 * motion.within)
-    soonest = float(record.t_output[seen[0]]) if len(seen) else np.inf
+    visible = np.flatnonzero(np.abs(prediction - prediction[0]) > 2.0 * motion.within)
+    soonest = float(record.t_output[visible[0]]) if len(visible) else np.inf
     return soonest <= motion.effect and bool(
         np.any((changes < motion.effect) & (changes >= motion.effect - within))
     )
