@@ -6,6 +6,7 @@ import pytest
 from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.trust.doubts.base import DOUBTS
 from servobench.identification.trust.doubts.jumps import jumps, seams
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
@@ -46,6 +47,14 @@ def test_a_row_that_is_written_with_an_earlier_time_is_no_jump(late: float) -> N
 
     assert not len(jumps(written, np.floor(9.0 * taken / 0.0175) * 0.0175, 0.0175))
     assert jumps(taken, 9.0 * taken + np.where(taken > 2.0, 1.0, 0.0), 0.0).size
+
+
+def test_a_step_that_is_lost_is_stated_by_its_size() -> None:
+    """A shaft at 20 rad/s goes 40 mrad in a row, and goes on one row behind itself, as where an angle wraps carelessly."""
+    y = 0.04 * np.arange(1000.0) - 0.04 * (np.arange(1000) > 400)
+    (found,) = DOUBTS["jumps"].about_data([dataset(seed=1, samples=1000, y=y)])
+
+    assert "first by −40\u00a0mrad" in found.sentence
 
 
 def test_turns_that_are_lost_a_few_rows_apart_are_found() -> None:

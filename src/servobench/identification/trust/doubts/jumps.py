@@ -37,7 +37,9 @@ def _of(data: Dataset) -> list[Finding]:
     which = jumps(data.t_output, data.y, data.quantum or 0.0)
     if not len(which):
         return []
-    size = float(data.y[which[0] + 1] - data.y[which[0]])
+    steps = np.diff(data.y)
+    # Beyond what it goes in a row anyway: a shaft that seems to stand for one lacks a step.
+    size = float(steps[which[0]] - np.median(steps[which[0] + np.array([-2, -1, 1, 2])]))
     sentence = (
         f"the position jumps in {_places(data, which)}, first by {with_unit(size, data.output_unit)}, and goes on from there, "
         "which no shaft does: rows are missing, a turn was lost, a coupling slipped, or the counter was set. Use the part before "
