@@ -309,6 +309,19 @@ def test_who_can_rule_out_nothing_knows_less() -> None:
         assert more["gain"] > least["gain"]
 
 
+def test_a_delay_of_next_to_nothing_is_no_lag(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its lag would be marched in parts of it: a billion steps a second."""
+    one = case(replace(MOTOR, delay=1e-4 * DT, noise=0.02), two_way_square(400, 50))
+    motion = simulator.moved(one)
+
+    def no_lag(*_: object) -> None:
+        raise AssertionError("the lag of next to nothing was marched")
+
+    monkeypatch.setattr(bound, "_by_lag", no_lag)
+
+    assert bound.cautious(one, motion)["gain"] >= (1 - 1e-6) * bound.bound(one, motion)["gain"]
+
+
 def test_a_delay_that_is_all_lag_is_a_second_pole() -> None:
     """K (1 - (τ e^(-t/τ) - d e^(-t/d))/(τ - d)) less what the delay makes, to the square of a sixteenth of d over 24."""
     tau, d = 0.099, 2.0 * DT

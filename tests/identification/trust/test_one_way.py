@@ -38,10 +38,10 @@ def test_a_constant_below_zero_that_brakes_is_explained_and_stated_by_its_size(
     data = replace(data, y=wired * data.y)
     fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
 
-    together, lost = (each.sentence for each in DOUBTS["one_way"].about_fit(fit))
+    _, lost = (each.sentence for each in DOUBTS["one_way"].about_fit(fit))
 
     assert np.sign(fit["coulomb_voltage"].value) == way
-    assert ("below zero because the input was" in together) == (way < 0.0)
+    assert ("below zero because the input was" in lost) == (way < 0.0)
     assert lost.startswith("0.16")  # 8.4 Ω times 0.8 mN·m over 0.042 V·s
 
 

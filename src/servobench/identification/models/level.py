@@ -21,6 +21,8 @@ _ONE = 0.03  # of the largest input: levels that lie nearer than that are one le
 _FEW_LEVELS = 3  # as many as there are parameters for them
 ALIKE = 0.1
 """Of the largest input: levels, or magnitudes to and fro, that differ by less say next to nothing of friction."""
+HARDLY_CONDUCTS = 1 / 16
+"""Of the largest input: a pulse so narrow that a driver conducts next to never, and may let go of the motor."""
 _NOISY = 0.1  # of the largest input: measured values that lie no further apart may be one level with noise
 _SPANS = 50  # parts of a record, whose means have next to no noise
 

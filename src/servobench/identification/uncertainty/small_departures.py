@@ -23,6 +23,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution
+from servobench.identification.models.level import HARDLY_CONDUCTS
 from servobench.identification.uncertainty.possible_term import possible_covariance
 from servobench.identification.uncertainty.score_test import SMALL, Motion, ScoreTest, Term
 
@@ -32,7 +33,6 @@ _BAND = 0.05  # of the largest input: the widest dead band to either side
 _TYPICAL_BAND = 0.03  # of the largest input: whose effect counts, as that isn't in proportion to the width
 _ONE_SIZE = 0.03  # of the largest input: sizes that lie nearer than that are one
 _FREE = 0.9  # of what the winding brakes a motor with is missing where a driver lets go of it; the bearings still brake
-_HARDLY = 1 / 16  # of the largest input: a pulse width at which a driver conducts next to never
 _TYPICAL = 0.5  # of the largest play, for the same reason
 
 
@@ -51,7 +51,7 @@ def with_small_departures(fit: Fit) -> Fit:
     if _sizes_differ(fit, largest):
         lost = _BAND / SMALL * _columns(test, _dead_band(fit))
         lines.append((lost, "a dead band", "the amplifier may lose up to 5 % of the largest input near zero"))
-    if any(np.any(np.abs(record.data.u) <= _HARDLY * largest) for record in fit.records):
+    if any(np.any(np.abs(record.data.u) <= HARDLY_CONDUCTS * largest) for record in fit.records):
         let_go = _FREE / SMALL * _columns(test, _free_wheel(fit.model["gain"], largest))
         lines.append(
             (
@@ -89,7 +89,7 @@ def _free_wheel(gain: float, largest: float) -> Term:
     """The input in place of the winding's braking while there is next to none, in parts of the largest [input unit]."""
 
     def open_winding(motion: Motion) -> tuple[Array, ...]:
-        open_circuit = np.abs(motion.input) <= _HARDLY
+        open_circuit = np.abs(motion.input) <= HARDLY_CONDUCTS
         return (np.where(open_circuit, motion.fastest / (gain * largest) * motion.speed, 0.0),)
 
     return Term(code="coasts", name="a driver that lets go", sentence="", to_input=open_winding)

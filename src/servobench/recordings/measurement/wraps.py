@@ -94,14 +94,14 @@ def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]
     span, largest = float(np.ptp(column.x)), float(np.max(np.abs(np.diff(column.x)), initial=0.0))
     for stage in _usual_moduli(column.unit, counts_per_rev):
         modulus = stage.si_modulus
-        if largest <= 0.5 * modulus:
+        is_within = span <= modulus * (1.0 + 1e-6)
+        is_near = column.unit == "rad" and span <= _TURNS * modulus
+        if largest <= 0.5 * modulus or not (is_within or is_near):
             continue
         unwrapping = unwrap(column.x, modulus)
         jumps = np.flatnonzero(unwrapping.wrap)
-        is_within = span <= modulus * (1.0 + 1e-6)
         seldom = len(jumps) <= _SELDOM * len(unwrapping.wrap)
-        is_near = column.unit == "rad" and span <= _TURNS * modulus and seldom
-        comes_back = is_near and float(np.ptp(unwrapping.count)) > _BEYOND * span
+        comes_back = seldom and float(np.ptp(unwrapping.count)) > _BEYOND * span
         if (is_within or comes_back) and _goes_on(unwrapping.delta, jumps):
             return [_wraps(column, stage, column.rows[jumps])]
         if is_within:

@@ -48,7 +48,7 @@ def goal_finding(data: Dataset) -> Finding | None:
 
 
 def _period(data: Dataset) -> float:
-    """The time [s] in which the input goes to and fro about its mean, on average; twice the record's where it doesn't."""
+    """The mean time [s] in which the input goes to and fro about its mean; twice as long as the record where it doesn't."""
     off = data.u - data.u.mean()
     sides = np.sign(off[np.abs(off) > _BESIDE * np.ptp(off)])
     halves = 1 + int(np.count_nonzero(np.diff(sides)))

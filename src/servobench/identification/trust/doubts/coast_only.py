@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from servobench.core.finding import Finding, warning
+from servobench.identification.models.level import HARDLY_CONDUCTS
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.steady import steady_speeds
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.resting_value import is_duty
 from servobench.recordings.measurement.dataset import Dataset
 
-_HARDLY = 1 / 16  # of the largest duty: a pulse so narrow that a driver conducts next to never
 _FIRST = 8  # rows, in which a change shows nothing
 _STARTS = 0.5  # of the speed: what is slower in the first rows sets off there
 _STEADY = 0.1  # of the speed: what one may change by before the duty ends
@@ -34,7 +34,7 @@ def _only_coasts(record: Dataset) -> bool:
     """Whether the input falls to next to zero while the speed is steady, and changes nowhere else but in the first rows."""
     changes = np.flatnonzero(np.diff(record.u)) + 1
     later = changes[changes >= _FIRST]
-    least = _HARDLY * float(np.abs(record.u).max(initial=0.0))
+    least = HARDLY_CONDUCTS * float(np.abs(record.u).max(initial=0.0))
     if len(later) != 1 or abs(record.u[-1]) > least:
         return False
     before = [each for each in steady_speeds(record) if abs(each.level) > least]

@@ -23,10 +23,9 @@ _FALLS = 0.05  # of the largest speed: by how much less it is at the end
 _MOST = 0.7  # of the stretches
 _PARTS = 12  # of a stretch
 _BEYOND_NOISE = 7.0  # standard deviations of a part's mean, where a single stretch shows it
-_BY_CHANCE, _BEYOND_CHANCE = (
-    2.2,
-    3.0,
-)  # the same on average over n stretches: what noise alone makes, and this over √n more
+_BY_CHANCE = 2.2  # the same on average over several stretches: what noise alone makes of the largest part
+_BEYOND_CHANCE = 3.0  # over the root of their number, and more than that
+_NORMAL_MEDIAN, _NORMAL_MEAN = 0.6745, 0.7979  # of the sizes of normal values, in standard deviations
 _SETTLED = 0.01  # of the largest speed: what it changes by from one part to the next
 _AT_ONCE = 0.05  # of it: a motor that warms up, or a supply that sags, takes longer than a part
 _PLAINLY = 0.2  # of the largest speed: a rise and a fall of so much under a constant input in a single stretch are enough
@@ -49,7 +48,10 @@ def _of(data: Dataset) -> list[Finding]:
 
 
 def _is_cut_off(data: Dataset, end: float) -> bool:
-    """Whether the speed turns round in most of the stretches in which the input gradually came to that end of its range."""
+    """Whether the speed under an input that gradually came to that end of its range is none of a constant input.
+
+    It turns round plainly in one stretch, or in most of several, or rises again after it had settled.
+    """
     sense = 1.0 if end >= 0.5 * float(data.u.max() + data.u.min()) else -1.0
     if not np.ptp(data.u) > 0 or abs(end) < _OFF * float(np.abs(data.u).max()):
         return False  # an input that is switched off isn't cut off
@@ -61,35 +63,32 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     speed = sense * smooth_speed(data)
     stretches = [speed[a:b] for a, b in zip(first[some], after[some], strict=True)]
     top = float(np.percentile(np.abs(speed), 99))
-    noise = _noise(stretches)
-    plain = _BEYOND_NOISE * noise
-    if any(_turns_round(each, _PLAINLY * top, plain) or _rises_again(each, top, plain) for each in stretches):
+    means = [_means(each) for each in stretches]
+    rises, noise = np.array([_rise(each) for each in means]), _noise(stretches, means)
+    plainly = np.array([_turns_round(each, _PLAINLY * top) for each in stretches])
+    if np.any(plainly & (rises > _BEYOND_NOISE * noise)):
         return True
-    turn = [_turns_round(each, _FALLS * top, -np.inf) for each in stretches]
-    if len(turn) < _FEWEST or np.mean(turn) < _MOST:
-        return False
-    chance = (_BY_CHANCE + _BEYOND_CHANCE / float(np.sqrt(len(turn)))) * noise
-    return float(np.mean([_rise(_means(each)) for each in stretches])) > chance
+    long = [mean for mean, each in zip(means, stretches, strict=True) if len(each) >= 2 * _PARTS]
+    if any(_rises_again(each, top, _BEYOND_NOISE * noise) for each in long):
+        return True
+    turns = np.mean([_turns_round(each, _FALLS * top) for each in stretches])
+    chance = (_BY_CHANCE + _BEYOND_CHANCE / np.sqrt(len(rises))) * noise
+    return bool(len(rises) >= _FEWEST and turns >= _MOST and rises.mean() > chance)
 
 
-def _turns_round(speed: Array, by: float, beyond: float) -> bool:
-    """Whether a speed is larger within a stretch than at either end of it, which no constant input makes it, by so much.
-
-    The means of its parts have to show that, too, by more than noise makes of them.
-    """
+def _turns_round(speed: Array, by: float) -> bool:
+    """Whether a speed is larger within a stretch than at either end of it, which no constant input makes it, by so much."""
     at = int(speed.argmax())
     inner = _INNER[0] * len(speed) <= at <= _INNER[1] * len(speed)
-    return inner and speed[at] - max(speed[0], speed[-1]) > by and _rise(_means(speed)) > beyond
+    return bool(inner and speed[at] - max(speed[0], speed[-1]) > by)
 
 
-def _rises_again(speed: Array, top: float, beyond: float) -> bool:
-    """Whether a speed is another one at once in a stretch, after it had settled, as it is on the stairs of a staircase.
+def _rises_again(means: Array, top: float, beyond: float) -> bool:
+    """Whether a speed, by the means of a stretch's parts, is another one at once after it had settled, as it is on stairs.
 
-    The change is by more than noise makes of a part's mean, on both of its sides.
+    The change is by more than noise makes of a mean, on both of its sides.
     """
-    if len(speed) < 2 * _PARTS:
-        return False
-    change = np.abs(np.diff(_means(speed)))
+    change = np.abs(np.diff(means))
     small = change < _SETTLED * top
     settled = np.flatnonzero(small[1:] & small[:-1])  # a single small one may be chance
     return len(settled) > 0 and float(change[settled[0] :].max()) > max(_AT_ONCE * top, np.sqrt(2) * beyond)
@@ -105,17 +104,19 @@ def _rise(means: Array) -> float:
     return float(means.max() - max(means[0], means[-1]))
 
 
-def _noise(stretches: Sequence[Array]) -> float:
-    """The standard deviation of a part's mean, by what is smaller: how much parts are off a parabola through others, or samples
-    off the next ones, twice that as the noise of a smoothed speed lasts. Stairs that go on beyond the end spoil the first alone.
+def _noise(stretches: Sequence[Array], means: Sequence[Array]) -> float:
+    """The standard deviation of the mean of a part of a stretch: the smaller of two, as each is spoiled by something else.
+
+    One is by how far a mean is off a parabola through others, which stairs that go on spoil. The other is by how far samples are
+    off the next ones, twice that as the noise of a smoothed speed lasts; of a coarse speed most are off by nothing.
     """
-    bends = np.concatenate([np.diff(_means(each), 3) for each in stretches])
-    steps = np.concatenate([np.diff(each) / np.sqrt(max(1.0, len(each) / _PARTS)) for each in stretches])
-    # Of normal values the median of their sizes is 0.6745 standard deviations, their mean 0.7979; a coarse speed has many zeros.
-    return min(
-        float(np.median(np.abs(bends))) / 0.6745 / 20**0.5,
-        2.0 * float(np.abs(steps).mean()) / 0.7979 / 2**0.5,
+    bends = np.abs(np.concatenate([np.diff(each, 3) for each in means]))
+    steps = np.abs(
+        np.concatenate([np.diff(each) / np.sqrt(max(1.0, len(each) / _PARTS)) for each in stretches])
     )
+    by_means = float(np.median(bends)) / (_NORMAL_MEDIAN * np.sqrt(20.0))
+    by_samples = 2.0 * float(steps.mean()) / (_NORMAL_MEAN * np.sqrt(2.0))
+    return float(min(by_means, by_samples))
 
 
 DOUBTS.member("input_cut_off")(Doubt(codes=("input-cut-off",), about_data=_about))

@@ -84,19 +84,18 @@ def jumps(t: Array, y: Array, quantum: float) -> NDArray[np.int64]:
     top = float(np.abs(np.delete(speed, indices)).max(initial=0.0))
     twitches = (usual[indices - 2] == 0.0) & (np.abs(speed[indices]) <= top)
     indices = indices[~twitches]
-    indices = indices[_lasts(t, y, indices)]
+    indices = indices[_lasts(t, y, speed, indices)]
     return indices if len(indices) <= _MOST * len(y) and limit > 0 else np.array([], dtype=np.int64)
 
 
-def _lasts(t: Array, y: Array, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether what positions y (N,) at times t (N,) jump by after samples (K,) is still there two samples later.
+def _lasts(t: Array, y: Array, speed: Array, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether what positions y (N,) at times t (N,) [s] jump by after samples (K,) is still there two samples later.
 
-    A time that is written late, or early, makes up for itself in the next step.
+    A time that is written late, or early, makes up for itself in the next step. `speed` (N - 1,) is that of each step.
     """
     before, after = indices - 2, indices + 3
     first, last = np.maximum(before - _LONGER, 0), np.minimum(after + _LONGER, len(y) - 1)
     way, time = (x[last] - x[after] + x[before] - x[first] for x in (y, t))
-    speed = np.diff(y) / np.diff(t)
     # The mean over a coarse encoder's steps, and the median where another jump is near: what lasts by either does.
     medians = [
         np.median(np.concatenate([speed[a:b], speed[c:d]]))

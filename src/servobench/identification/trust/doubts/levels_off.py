@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.finding import Finding, list_text, warning
 from servobench.core.rounding import with_unit
-from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.base import Fit, fit_percent
 from servobench.identification.models.motion import is_ramp, smooth_speed
 from servobench.identification.models.steady import speeds_by_level
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
@@ -52,11 +52,12 @@ def _percent_of_speed(fit: Fit) -> float:
     """The percentage of the speeds that the model explains: a position grows as well under a gain that is a mean."""
     if any(record.data.kind == "speed" for record in fit.records):
         return fit.fit_percent
-    speeds = [smooth_speed(record.data) for record in fit.records]
-    fitted = [smooth_speed(replace(record.data, y=record.prediction)) for record in fit.records]
-    off = np.concatenate(speeds) - np.concatenate(fitted)
-    varies = np.concatenate([speed - speed.mean() for speed in speeds])
-    return 100.0 * (1.0 - float(np.linalg.norm(off) / max(np.linalg.norm(varies), np.finfo(float).tiny)))
+    speeds = []
+    for record in fit.records:
+        speed = smooth_speed(record.data)
+        off = speed - smooth_speed(replace(record.data, y=record.prediction))
+        speeds.append(replace(record, data=replace(record.data, y=speed), residual=off))
+    return fit_percent(speeds)
 
 
 def _speeds_on_a_ramp(data: Dataset) -> dict[float, float]:

@@ -47,13 +47,10 @@ def _one_way(fit: Fit) -> list[Finding]:
         ]
     estimate = fit["coulomb_voltage"]
     name = parameter_in_words("coulomb_voltage", estimate.unit)
-    brakes = estimate.value * fit["gain"].value * _sense(fit) > 0.0
-    is_below = fit.structure == "first_order_one_way" and estimate.value < -3 * estimate.sd
-    sign = " It is below zero because the input was, and brakes the motor." if is_below and brakes else ""
     together = info(
         "friction-and-offset-together",
         f"The motor turned one way only, so Coulomb friction and an offset can't be separated: the {name} is their "
-        f"sum. Let it turn both ways.{sign}",
+        "sum. Let it turn both ways.",
         parameters=("coulomb_voltage",),
     )
     if _input_hardly_matters(fit):
@@ -69,7 +66,7 @@ def _of_constant(fit: Fit, name: str) -> Finding:
     """The finding on a constant that is known to be one, under its `name` in words: whether it brakes or drives the motor."""
     estimate, parameters = fit["coulomb_voltage"], ("coulomb_voltage", "gain")
     # The motor's equation has -K u_c, which brakes where it is against ω: K u_c ω > 0.
-    turns = _sense(fit)
+    turns = float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
     is_flag = fit.records[0].data.input_unit == "1"  # what it switches is unknown
     brakes = fit.structure == "first_order_one_way_rest"  # as it holds the shaft, whichever way that turns
     helps = estimate.value * fit["gain"].value * turns < 0 and not brakes
@@ -86,16 +83,12 @@ def _of_constant(fit: Fit, name: str) -> Finding:
             "or the input has an offset; the gain holds for these levels only."
         )
         return warning("offset-negative", sentence, parameters=parameters)
+    sign = " It is below zero because the input was." if estimate.value < 0.0 else ""
     sentence = (
         f"{with_unit(abs(estimate.value), estimate.unit)} of the input is lost at the speeds of this record; a model without "
-        "this offset would get the gain wrong. A shaft that stands may take more to set off."
+        f"this offset would get the gain wrong. A shaft that stands may take more to set off.{sign}"
     )
     return info("offset-found", sentence, parameters=parameters)
-
-
-def _sense(fit: Fit) -> float:
-    """1 where the motor turned forward for most of the time, -1 where it turned backward."""
-    return float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
 
 
 def _input_hardly_matters(fit: Fit) -> bool:
