@@ -205,7 +205,7 @@ _TABLE = (
     FindingCode("input-is-output", "Input and output are the same signal.", "Name other columns.", Role.CAUSE),
     FindingCode("input-is-reference", "The input looks like a loop's reference, not like the voltage.",
         "Name the column of the voltage."),
-    FindingCode("input-late", "The output answers to changes of the input before the rows that show them.",
+    FindingCode("input-late", "The input changed at other times than the rows that show it.",
         "Record each row in which the input changes."),
     FindingCode("input-recognised", "A column was recognised as the input."),
     FindingCode("input-rests-off-zero", "The input has one sign, but the shaft turns both ways about the middle of its range.",

@@ -228,6 +228,9 @@ def _identify(
     _check_together(records)
     findings = [finding for record in records for finding in record.findings]
     records, restored = with_counts_restored(records, estimator)
+    if restored:  # of the same encoder: in differences the model would be tested on rounding
+        validate_on, others = with_counts_restored(validate_on, estimator)
+        restored += others
     findings += [*restored, *about_data(records, nominal_motor(nominal))]
     if estimator == "auto":
         records, spikes = without_spikes(records)

@@ -102,6 +102,21 @@ def test_records_are_summed_together_or_not_at_all() -> None:
     assert [record.kind for record in with_counts_restored([speed, noisy])[0]] == ["speed", "speed"]
 
 
+def test_a_record_to_validate_on_is_summed_as_those_that_the_model_is_fitted_to() -> None:
+    """Differences of counts this coarse are half rounding, which no model simulates."""
+    counts, other = dataset(seed=3), replace(dataset(seed=4), name="another run")
+    as_counts = identify(counts, validate_on=[other])
+    result = identify(
+        as_speed(counts, differenced(counts)), validate_on=[as_speed(other, differenced(other))]
+    )
+
+    assert result.verdict is Verdict.TRUSTED
+    assert [finding.code for finding in result.findings].count(RESTORED) == 2
+    assert as_counts.validation is not None
+    assert result.validation is not None
+    assert result.validation.fit_percent == pytest.approx(as_counts.validation.fit_percent, abs=1e-4)
+
+
 @pytest.mark.parametrize("torque_noise", [0.0, 2e-4])
 @pytest.mark.parametrize("noise", [0.2, 0.9, 2.7])
 def test_counts_of_noisy_readings_are_found_too(noise: float, torque_noise: float) -> None:

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from servobench.core.finding import Finding
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
@@ -27,9 +29,31 @@ def sparse_log(late: int, sense: float = 1.0, chain: str = "") -> Dataset:
     random = np.random.default_rng(3)
     lengths = EVERY * random.integers(2, 5, ROWS // EVERY)
     lengths[0] -= late
+    return _every_nth(lengths, random, sense=sense, chain=chain)
+
+
+def log_of_a_free_input(every: int = EVERY, kind: Kind = "position") -> Dataset:
+    """Rows of a motor under ±3 V, whose input changes in any row of its controller: a different time before one that is kept."""
+    random = np.random.default_rng(3)
+    lengths = random.integers(2 * EVERY, 5 * EVERY, ROWS // (2 * EVERY))
+    return _every_nth(lengths, random, every=every, kind=kind)
+
+
+def _every_nth(
+    lengths: NDArray[np.int64],
+    random: np.random.Generator,
+    *,
+    sense: float = 1.0,
+    chain: str = "",
+    every: int = EVERY,
+    kind: Kind = "position",
+) -> Dataset:
     u = np.repeat(random.choice([-3.0, 3.0], len(lengths)), lengths)[:ROWS]
     data = dataset(seed=1, samples=ROWS, u=u, chain=chain)
-    kept = slice(None, None, EVERY)
+    if kind == "speed":
+        speed = np.gradient(data.y, data.sample_time)
+        data = replace(data, y=speed, kind="speed", output_unit="rad/s", quantum=None)
+    kept = slice(None, None, every)
     t, y = data.t_output[kept], data.y[kept]
     return replace(data, t_input=t, u=sense * data.u[kept], t_output=t, y=y, rows=None)
 
@@ -59,6 +83,31 @@ def test_an_input_that_changed_half_a_row_earlier_is_shown_late(sense: float) ->
 
 def test_one_that_changes_in_its_own_rows_is_not() -> None:
     assert doubts(fit_with_usual_delay(0)) == []
+
+
+def best_fit(data: Dataset) -> Fit:
+    return ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+
+
+@pytest.mark.parametrize("kind", ["position", "speed"])
+def test_an_input_that_changes_in_any_row_of_the_controller_is_shown_late_by_its_best_fit(kind: Kind) -> None:
+    """No delay fits all changes: what the best one leaves lies around them."""
+    (doubt,) = doubts(best_fit(log_of_a_free_input(kind=kind)))
+    assert doubt.code == "input-late"
+    assert "no two changes of the input after the same time" in doubt.sentence
+    assert f"{with_unit(0.2, 's', 2)} apart" in doubt.sentence
+
+
+@pytest.mark.parametrize("late", [0, 50])
+def test_one_that_changes_as_long_before_each_row_has_a_fit_that_leaves_nothing_of_that_kind(
+    late: int,
+) -> None:
+    assert doubts(best_fit(sparse_log(late))) == []
+
+
+def test_rows_that_are_near_for_the_motor_leave_nothing_between_them() -> None:
+    """5 rows of the controller are 10 ms, a tenth of the time constant: no result depends on what happens between them."""
+    assert doubts(best_fit(log_of_a_free_input(every=5))) == []
 
 
 def test_a_speed_shows_it_as_well_as_a_position() -> None:
