@@ -53,15 +53,46 @@ def test_two_records_are_held_against_each_other() -> None:
     assert "in run 1" in finding.sentence
 
 
-def test_time_constants_that_differ_by_half_are_a_doubt() -> None:
-    """Of two inertias: the interval holds both, but no motor has both."""
+def of_two_inertias(*levels: list[float], torque_noise: float = 0.0) -> list[Dataset]:
+    """Runs of the reference motor and of one of twice its inertia, each under a random input of its own levels [V].
+
+    The second is under a random torque as well [N·m·√s].
+    """
     records = []
-    for n, times in enumerate((1.0, 2.0)):
-        random = np.random.default_rng(n)
-        u = np.repeat(random.choice([-3.0, -1.0, 1.0, 3.0], 20), 100)
-        angle = march(TRUTH._replace(inertia=times * TRUTH.inertia), u, 0.002)[:, 2]
+    for n, (times, own) in enumerate(zip((1.0, 2.0), levels, strict=True)):
+        u = np.repeat(np.random.default_rng(n).choice(own, 20), 100)
+        torque = {"torque_noise": torque_noise, "step": 5e-5, "seed": n} if n and torque_noise else {}
+        angle = march(TRUTH._replace(inertia=times * TRUTH.inertia), u, 0.002, **torque)[:, 2]
         plain = dataset(seed=0, samples=len(u), y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM)
         records.append(replace(plain, u=u, input_before=0.0, name=f"run {n}"))
+    return records
+
+
+def test_a_record_of_another_motor_is_noticed_beside_one_that_turns_one_way_only() -> None:
+    """That one can't tell friction and offset apart, but its time constant."""
+    result = identify(of_two_inertias([1.0, 2.0, 3.0], [-3.0, -1.0, 1.0, 3.0]), "first_order_coulomb")
+
+    (finding,) = apart(result)
+    assert "time_constant" in finding.parameters
+    assert not {"coulomb_voltage", "offset_voltage"} & set(finding.parameters)
+    assert result.verdict is Verdict.DOUBTFUL
+
+
+@pytest.mark.parametrize("torque_noise", [1e-5, 1e-4])
+def test_a_record_of_another_motor_is_noticed_where_one_of_the_two_has_a_random_torque(
+    torque_noise: float,
+) -> None:
+    both_ways = [-3.0, -1.0, 1.0, 3.0]
+    result = identify(of_two_inertias(both_ways, both_ways, torque_noise=torque_noise), "first_order_coulomb")
+
+    (finding,) = apart(result)
+    assert "time_constant" in finding.parameters
+    assert result.verdict is Verdict.DOUBTFUL
+
+
+def test_time_constants_that_differ_by_half_are_a_doubt() -> None:
+    """Of two inertias: the interval holds both, but no motor has both."""
+    records = of_two_inertias([-3.0, -1.0, 1.0, 3.0], [-3.0, -1.0, 1.0, 3.0])
 
     (finding,) = apart(identify(records, "first_order_coulomb"))
 

@@ -19,8 +19,9 @@ from servobench.core.estimate import Estimate
 from servobench.core.finding import Finding, info, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval
-from servobench.identification.estimators.base import Estimator, Fit
+from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.budget import Contribution
+from servobench.identification.estimators.misfit_covariance import allow_for_misfit
 from servobench.identification.models.motion import turns_both_ways
 from servobench.identification.trust.doubts.single_level import widen_for_single_level
 from servobench.identification.trust.validation import explains_the_colour
@@ -35,10 +36,15 @@ _FAR, _TELLS = 1.5, 0.5  # times, and of a value: an interval that is wider does
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Without:
-    """The fit of all records but one, and which those are, in words."""
+    """The fit of all records but one, and which those are, in words; it says nothing of the parameters `untold`."""
 
     which: str
     fit: Fit
+    untold: frozenset[str] = frozenset()
+
+    def tells(self, name: str) -> bool:
+        """Whether it has an interval for that parameter."""
+        return name not in self.untold and bool(np.isfinite(self.fit[name].sd))
 
 
 def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
@@ -66,7 +72,7 @@ def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], F
     added = np.zeros_like(fit.covariance)
     holding = {}
     for name in apart:
-        estimates = [each.fit[name] for each in selections if np.isfinite(each.fit[name].sd)]
+        estimates = [each.fit[name] for each in selections if each.tells(name)]
         at = fit.model.names.index(name)
         added += _beyond_stated(fit[name], estimates, len(fit.records)) * _joint_factor(fit, at, selections)
         holding[name] = _hull([fit[name], *estimates])
@@ -89,29 +95,55 @@ def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> lis
     for number in sorted({int(k) for k in np.linspace(0, count - 1, min(_MOST, count))}):
         rest = [record for n, record in enumerate(fit.records) if n != number]
         data = [record.data for record in rest]
-        if turns_both_ways(data) != reverses or method.supports(fit.model.structure, data) is not None:
+        if method.supports(fit.model.structure, data) is not None:
             continue
         start = np.concatenate([fit.model.theta, *(record.nuisance for record in rest)])
         try:
-            other = widen_for_single_level(allow(method.fit(fit.model.structure, data, (start,))))
+            other = widen_for_single_level(
+                _under_the_same_noise(fit, method.fit(fit.model.structure, data, (start,)), allow)
+            )
         except NotIdentifiable:
             continue
-        # Under another model of the noise the same data say something else: that is no matter of the records.
         if other.converged and other.estimator == fit.estimator:
             which = f"in {data[0].name}" if len(data) == 1 else f"without {fit.records[number].data.name}"
-            selections.append(_Without(which=which, fit=other))
+            untold = frozenset() if turns_both_ways(data) == reverses else _constants(fit)
+            selections.append(_Without(which=which, fit=other, untold=untold))
     return selections
+
+
+def _constants(fit: Fit) -> frozenset[str]:
+    """What friction and offset are called: of a motor that turns one way only their sum is known."""
+    return frozenset(
+        name for name in fit.model.names if name == "offset_voltage" or name.startswith("coulomb")
+    )
+
+
+def _under_the_same_noise(fit: Fit, other: Fit, allow: Callable[[Fit], Fit]) -> Fit:
+    """The fit of a selection, allowed for as the whole's: with another noise model the same data say something else.
+
+    Where the whole has a random torque, a selection that shows none is fitted as if it might have one as well. Where the whole
+    has none, as what its records leave isn't that of one torque, the intervals of a selection that has hold both noise models.
+    """
+    allowed = allow(other)
+    if allowed.estimator == fit.estimator:
+        return allowed
+    if fit.estimator == "prediction_error":
+        data = [record.data for record in other.records]
+        return ESTIMATORS["prediction_error"].fit(fit.model.structure, data, (other.vector,))
+    return allow_for_misfit(other) if fit.estimator == "output_error" else allowed
 
 
 def _apart(name: str, selections: Sequence[_Without]) -> bool:
     """Whether two of the intervals don't meet."""
+    if sum(each.tells(name) for each in selections) < 2:
+        return False
     low, high = _ends(name, selections)
     return low.fit[name].interval[1] < high.fit[name].interval[0]
 
 
 def _ends(name: str, selections: Sequence[_Without]) -> tuple[_Without, _Without]:
     """The selection whose interval ends lowest, and that whose interval begins highest."""
-    known = [each for each in selections if np.isfinite(each.fit[name].sd)] or selections
+    known = [each for each in selections if each.tells(name)]
     low = min(known, key=lambda each: each.fit[name].interval[1])
     return low, max(known, key=lambda each: each.fit[name].interval[0])
 
@@ -131,7 +163,7 @@ def _joint_factor(fit: Fit, at: int, selections: Sequence[_Without]) -> Array:
     slope = np.zeros(len(fit.model.names))
     slope[at] = 1.0
     for n, name in enumerate(fit.model.names):
-        if not any(np.isfinite(each.fit[name].sd) for each in selections) and fit.covariance[at, at] > 0:
+        if not any(each.tells(name) for each in selections) and fit.covariance[at, at] > 0:
             slope[n] = fit.covariance[n, at] / fit.covariance[at, at]
     return np.outer(slope, slope)
 
