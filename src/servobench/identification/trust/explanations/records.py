@@ -28,6 +28,10 @@ def _records(case: Case) -> CauseFit | None:
     """Whether the records hold to the equation with a gain each, and not with a common one."""
     if len(case.motions) < 2:
         return None
+    level = single_level([each.data for each in case.motions])
+    of_one = [single_level([each.data]) is not None for each in case.motions]
+    if all(of_one) and not level:  # a gain for each leaves nothing that tells the friction
+        return None
     columns = [
         [each.base[0][:, make] * (1.0 if n == k else 0.0) for n, each in enumerate(case.motions)]
         for k in range(1, len(case.motions))
@@ -35,7 +39,6 @@ def _records(case: Case) -> CauseFit | None:
     ]
     regression = case.with_columns(*columns)
     first = regression.coefficients[1]
-    level = single_level([each.data for each in case.motions])
     if level:  # gain and friction can't be told apart; what counts is what is left of the level
         first -= regression.coefficients[3] / abs(level)
     gains = np.array([first, *(first + regression.coefficients[5::2])])
@@ -44,8 +47,7 @@ def _records(case: Case) -> CauseFit | None:
         return None
     far = int(np.argmax(np.abs(gains - middle))) if len(gains) > 2 else int(np.argmin(np.abs(gains)))
     odd, times = case.motions[far].data, float(gains[far] / np.median(np.delete(gains, far)))
-    alone = any(single_level([each.data]) is not None for each in case.motions)
-    if alone and not level and not (times > 0 and abs(math.log(times)) > math.log(_BY_FRICTION)):
+    if any(of_one) and not level and not (times > 0 and abs(math.log(times)) > math.log(_BY_FRICTION)):
         return None
     bends = (
         f"The inputs of {odd.name} are the {'larger' if times < 1 else 'smaller'} ones, so the characteristic may bend. "
