@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from servobench.core.finding import Verdict
 from servobench.identification.identify import identify
 from servobench.identification.result import Result
-from servobench.identification.trust.doubts.kind import _goes_on_at_every_level
+from servobench.identification.trust.doubts.kind import _goes_on_at_every_level, _is_proportional
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
@@ -183,3 +183,15 @@ def test_a_position_goes_on_at_every_level_and_a_speed_settles() -> None:
 
     assert _goes_on_at_every_level(log)
     assert not _goes_on_at_every_level(settling)
+
+
+def test_a_position_that_a_limited_proportional_controller_brings_to_its_goal_is_none_of_a_speed() -> None:
+    """Its input falls in proportion, wherever it isn't at its limit: a speed that follows its input would look alike."""
+    t = 0.01 * np.arange(100)
+    angle = 6.0 + np.exp(-3.0 * t) * np.cos(25.0 * t)  # rad
+    loop = dataset(seed=1, samples=100, sample_time=0.01, u=np.clip(20.0 * (6.0 - angle), -8.0, 8.0), y=angle)
+
+    assert np.count_nonzero(np.abs(loop.u) == 8.0) > 10
+    assert _is_proportional(loop)
+    assert not _is_proportional(replace(loop, u=np.where(t % 0.2 < 0.1, 8.0, 0.0)))
+    assert not _is_proportional(dataset(seed=1, kind="prbs"))

@@ -58,7 +58,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []  # held to a start that it doesn't have, no kind explains it
     if goal_finding(data) is not None:
         return []  # a position that follows its goal settles with it
-    if alike(np.interp(data.t_output, data.t_input, data.u), data.y):
+    if _is_proportional(data):
         return []  # a proportional controller's law, which explains the output as well as a speed would be
     if data.kind == "speed" and (_comes_to_rest(data) or _slows_down(data)):
         return []  # a position would go on, and as fast as before
@@ -79,6 +79,13 @@ def _about_fit(fit: Fit) -> list[Finding]:
         f"unit of a {other.kind}: `output=COL:{other.output_unit}`, or whichever unit it has{_way_out(data)}."
     )
     return [refusal("kind-mistaken", sentence, parameters=("gain", "time_constant"))]
+
+
+def _is_proportional(data: Dataset) -> bool:
+    """Whether the input falls in proportion to the output, in all rows or in those in which it isn't at its limit."""
+    u = np.interp(data.t_output, data.t_input, data.u)
+    within = np.abs(u) < np.abs(u).max(initial=0.0)
+    return alike(u, data.y) or (np.count_nonzero(within) >= _LONG and alike(u[within], data.y[within]))
 
 
 def _comes_to_rest(data: Dataset) -> bool:
