@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -14,7 +15,9 @@ from servobench.cli.result_text import show_findings, show_result
 from servobench.cli.terminal import printable
 from servobench.core.finding import Finding, Verdict, info, refusal, warning
 from servobench.core.parameter_names import parameter_in_words
+from servobench.identification.identify import identify
 from tests.cli.conftest import Command
+from tests.datasets import dataset
 
 if TYPE_CHECKING:
     from servobench.identification.result import Result
@@ -142,3 +145,19 @@ def test_parameters_are_named_as_people_do() -> None:
 
 def test_control_characters_are_spelled_and_blanks_are_kept() -> None:
     assert printable("a\x1b[1m\tb\u202fc\nd\u202e") == "a\\x1b[1m\\tb\u202fc\nd\\u202e"
+
+
+def verdict_line(*levels: float) -> str:
+    """The line of the verdict of a motor that rests, and then is at each of these levels [V] for 2 s."""
+    u = np.concatenate([np.zeros(500), np.repeat(levels, 1000)])
+    console = Console(width=200, markup=False, highlight=False)
+    with console.capture() as capture:
+        show_result(console, identify(dataset(seed=1, samples=len(u), u=u)))
+    (line,) = (each for each in capture.get().splitlines() if each.startswith("trusted"))
+    return line
+
+
+def test_a_trusted_result_without_a_gain_says_what_it_leaves_open() -> None:
+    """One level tells the speed there, but not how much of it friction takes."""
+    assert verdict_line(2.0, 4.0) == "trusted: nothing was found that goes beyond the intervals above"
+    assert verdict_line(3.0).endswith("beyond the intervals above, which leave the gain open")

@@ -80,7 +80,7 @@ def test_a_delay_that_the_data_know_is_the_datas_own() -> None:
     [(0.0, "about 2 ms, a sample time or so", "info"), (-0.1, "about 1 ms, a part of a sample time", "info"),
      (-0.1985, "assumed to be zero, as is usual", "info"), (6.0, "though so long a delay is rare", "info"),
      (9.0, "Check that the input is logged when it acts.", "warning"), (-0.5, "assumed to be zero", "info"),
-     (-1.5, "though no motor moves before its input does, and the other", "info")],
+     (-1.5, "before its input, as none does, and the other", "info")],
 )  # fmt: skip
 def test_a_delay_that_nothing_shows_is_told_as_it_is_and_doubted_where_nothing_is_so_late(
     scales: float, words: str, severity: str

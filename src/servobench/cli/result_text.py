@@ -59,7 +59,7 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
         _show_parameters(console, result.motor_parameters, "motor")
     if result.nominal:
         _show_comparisons(console, result.nominal)
-    _show_verdict(console, result.verdict)
+    _show_verdict(console, result)
     rest = [finding for finding in result.findings if finding.severity is not Severity.DANGER]  # said first
     if rest:
         console.print()
@@ -73,7 +73,7 @@ def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
 
     if result.fit is not None and _determines_nothing(result):
         _show_answers(console, result)
-    _show_verdict(console, result.verdict)
+    _show_verdict(console, result)
     console.print()
     causes = [finding for finding in result.findings if is_cause(finding)]
     severities = {Severity.REFUSAL, Severity.WARNING} if _determines_nothing(result) else {Severity.REFUSAL}
@@ -99,9 +99,23 @@ def _determines_nothing(result: Result) -> bool:
     return {each.code for each in result.findings if each.severity is Severity.REFUSAL} == {"nothing-known"}
 
 
-def _show_verdict(console: Console, verdict: Verdict) -> None:
-    style, sentence = _VERDICTS[verdict]
-    show_wrapped(console, Text(f"{verdict}: ", style=style), sentence, hanging=0)
+def _show_verdict(console: Console, result: Result) -> None:
+    style, sentence = _VERDICTS[result.verdict]
+    left = _left_open(result) if result.verdict is Verdict.TRUSTED else ""
+    show_wrapped(console, Text(f"{result.verdict}: ", style=style), f"{sentence}{left}", hanging=0)
+
+
+def _left_open(result: Result) -> str:
+    """What a trusted result without a gain doesn't tell: intervals that hold aren't yet a model."""
+    from servobench.identification.uncertainty.identifiability import State
+
+    unknown = [
+        parameter_in_words(name)
+        for name in ("gain", "time_constant")
+        if name in result.answers and result.answers[name].state is not State.KNOWN
+    ]
+    without = "gain" in result.answers and result.answers["gain"].state is not State.KNOWN
+    return f", which leave the {' and the '.join(unknown)} open" if without else ""
 
 
 def show_findings(

@@ -224,21 +224,20 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     usual = abs(value - prior.middle) <= prior.scale
     samples = value / prior.middle
     taken = "zero" if usual and samples < _AS_GOOD_AS_NONE else f"about {with_unit(value, 's', 2)}"
-    why = (
-        f"{_in_samples(samples)}as is usual where a computer drives the motor"
-        if usual
-        else "which fits best, though so long a delay is rare"
-        if value > 0
-        else "which fits best, though no motor moves before its input does"
-    )
+    if usual:
+        assumed = f"The delay is assumed to be {taken}, {_in_samples(samples)}as is usual where a computer drives the motor"
+    elif value > 0:
+        assumed = f"The delay is assumed to be {taken}, which fits best, though so long a delay is rare"
+    else:
+        assumed = f"They fit best with an output that comes {with_unit(-value, 's', 2)} before its input, as none does"
     rare = prior.is_rare(value)
     late = rare and value > 0
     check = " Check that the input is logged when it acts." if late else ""
     # Too early is no evidence of columns out of step here: what that would take is for `doubts.delay` to say.
     return (warning if late else info)(
         CODE,
-        f"These data can't separate the delay from friction and the time constant. The delay is assumed to be "
-        f"{taken}, {why}, and the other intervals allow for that; to measure it, sample a step from rest faster.{check}",
+        f"These data can't separate the delay from friction and the time constant. {assumed}, and the other intervals allow for "
+        f"that; to measure it, sample a step from rest faster.{check}",
         parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )
 

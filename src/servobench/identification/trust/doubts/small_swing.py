@@ -6,7 +6,7 @@ import numpy as np
 
 from servobench.core.finding import Finding, warning
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import TWO_SIDED
+from servobench.core.rounding import TWO_SIDED, round_value
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
@@ -40,8 +40,8 @@ def _small_swing(fit: Fit) -> list[Finding]:
     words = " and the ".join(parameter_in_words(name, cosine.unit) for name in pair)
     sentence = (
         f"The shaft swung through {swing:.2g} rad at most, and the cosine of its angle hardly "
-        f"changed: the {words} are known only as a sum, {known:.2g} ± {half:.1g} "
-        f"{cosine.unit} on average. Let the shaft swing by 90° to either side to separate them."
+        f"changed: the {words} are known only as a sum, "
+        f"{round_value(known, half, cosine.unit)} on average. Let the shaft swing by 90° to either side to separate them."
     )
     return [warning("swing-small", sentence, parameters=pair)]
 
