@@ -409,6 +409,8 @@ _TABLE = (
     FindingCode("segments-joined", "The segments of the file were joined."),
     FindingCode("sensor-zero", "The sensor of the speed doesn't show zero while the shaft stands.",
         "Subtract what it shows at rest.", Role.CAUSE),
+    FindingCode("sets-off-unexplained", "The way in which the shaft sets off isn't the model's.",
+        "Say that it starts at rest, or leave out the rows in which it sets off."),
     FindingCode("shaft-comes-to-rest", "The shaft moves and then stands, though the input stays as it is.",
         "Record what drives the motor, and let it turn freely."),
     FindingCode("shaft-runs-back", "The shaft goes back without an input.",

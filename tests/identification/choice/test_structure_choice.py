@@ -573,3 +573,31 @@ def test_a_ramp_from_rest_tells_the_gain_of_a_shaft_that_breaks_away(static: flo
         assert result["stribeck_speed"].interval[1] <= 10 * RAMPED * 2.0
     assert result["gain"].interval[1] - result["gain"].interval[0] < 0.2 * 10 * RAMPED
     assert ("stribeck-found" in codes(result)) is found
+
+
+def breakaway(u: NDArray[np.float64], static: float) -> NDArray[np.float64]:
+    """The angles [rad] of a motor of 2.74 rad/s/V and 0.27 s that loses 0.2 V and sets off at `static` V, 720 steps a turn."""
+    step, speed, angle, angles = 0.001, 0.0, 0.0, []
+    for voltage in np.repeat(u, 20):
+        angles.append(angle)
+        if speed > 0.0 or voltage > static:
+            speed = max(speed + step / 0.27 * (2.74 * (voltage - 0.2) - speed), 0.0)
+            angle += speed * step
+    quantum = np.pi / 360
+    return np.asarray(quantum * (np.floor(np.array(angles[::20]) / quantum) + 0.5))
+
+
+def test_a_ramp_and_a_step_of_a_shaft_that_breaks_away_tell_the_gain_and_that_the_lag_may_be_wrong() -> None:
+    """A motion that the input has no part in follows the two more closely: a start speed for each, and a torque."""
+    records = []
+    for u in (0.005 * np.arange(802), np.full(302, 7.0)):
+        u[:2] = 0.0
+        plain = dataset(seed=1, samples=len(u), sample_time=0.02, u=u, y=breakaway(u, 1.2))
+        records.append(replace(plain, quantum=np.pi / 360, name=f"up to {u[-1]:g} V"))
+    result = identify(records)
+
+    assert result.verdict is Verdict.DOUBTFUL
+    assert "sets-off-unexplained" in {finding.code for finding in result.findings}
+    gain = result.answers["gain"]
+    assert gain.state is State.KNOWN
+    assert gain.estimate.interval[0] < 2.74 < gain.estimate.interval[1]

@@ -49,7 +49,7 @@ from servobench.identification.models.level import few_levels, has_one_level_eac
 from servobench.identification.models.motion import is_ramp, smooth_speed, stands, turns_both_ways
 from servobench.identification.models.nonlinear.structure import NonlinearMotor
 from servobench.identification.trust.doubts.base import about_data
-from servobench.identification.trust.doubts.one_way import hardly_turns_back
+from servobench.identification.trust.doubts.one_way import hardly_turns_back, input_hardly_matters
 from servobench.identification.trust.doubts.spikes import had_spikes
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import beside_torque, score_terms
@@ -65,6 +65,7 @@ _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
 _STICKS = "first_order_coulomb_stribeck"
 _BREAKS_AWAY = 0.5  # of the residual without: what is left where the shaft breaks away
+_BY_INPUT = 90.0  # percent of the output: a model that explains so much by the input needs no other cause
 _SLOW = 0.05  # of a ramp's time: a longer lag bends it
 _BENDS = 1.4  # times the residual of a lag that is as long as the ramp: what it explains may be any bend
 _NONE = 0.1  # of a sample time: no lag at all
@@ -344,6 +345,9 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     # Speeds under several levels may show that a constant does drive it, whatever that is: `speed-levels-off` says so then.
     worth = worth or (driven and (single_level(data) is not None or not clearly_better(one_way, with_rest)))
     worth = worth or (begins and _turns_back_what_stands(one_way))
+    # What follows a record more closely by itself than by its input is no motor, but the way in which the shaft sets off.
+    by_itself = not worth and input_hardly_matters(one_way) and with_rest.fit_percent > _BY_INPUT
+    worth = worth or by_itself
     # A search that hasn't settled and yet is far ahead went on along a valley; the model without rest would only look settled.
     if not worth or not (with_rest.converged or clearly_better(with_rest, one_way)):
         return replace(simple, fits=fits)
@@ -353,8 +357,20 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     without, with_it = (f"{fit.fit_percent:.2f}" for fit in (one_way, with_rest))
     if float(with_it) > float(without):
         sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
-    finding = info(_REST, sentence, parameters=("coulomb_voltage",))
-    return _with_breakaway(method, data, _Base(fit=with_rest, findings=(finding,), fits=fits))
+    findings = (info(_REST, sentence, parameters=("coulomb_voltage",)),)
+    if by_itself:
+        findings += (_sets_off_unexplained(one_way, with_rest),)
+    return _with_breakaway(method, data, _Base(fit=with_rest, findings=findings, fits=fits))
+
+
+def _sets_off_unexplained(by_itself: Fit, with_rest: Fit) -> Finding:
+    shares = [f"{np.floor(100 * fit.fit_percent) / 100:.2f} %" for fit in (by_itself, with_rest)]
+    sentence = (
+        "The way in which the shaft sets off isn't that of this model: a motion that the input has next to no part in follows "
+        f"{shares[0]} of the output, this model {shares[1]}. Its time constant and delay may be far off. If the shaft was at rest "
+        "before the record, say `starts_at_rest=True`; otherwise leave out the rows in which it sets off."
+    )
+    return warning("sets-off-unexplained", sentence, parameters=("time_constant", "delay"))
 
 
 def _with_short_lag(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> Fit:

@@ -53,7 +53,7 @@ def _one_way(fit: Fit) -> list[Finding]:
         "sum. Let it turn both ways.",
         parameters=("coulomb_voltage",),
     )
-    if _input_hardly_matters(fit):
+    if input_hardly_matters(fit):
         sentence = (
             "In this model the input has next to no part in the motion: the record shows how a speed settles by itself, and any "
             "bend of the characteristic looks like that. Record steps between several levels, each until the speed settles."
@@ -91,8 +91,8 @@ def _of_constant(fit: Fit, name: str) -> Finding:
     return info("offset-found", sentence, parameters=parameters)
 
 
-def _input_hardly_matters(fit: Fit) -> bool:
-    """Whether a constant drives the model far more than any of several inputs does, of which it may do without."""
+def input_hardly_matters(fit: Fit) -> bool:
+    """Return whether a constant drives the model far more than any of several inputs does, of which it may do without."""
     gain = fit["gain"]
     data = [record.data for record in fit.records]
     largest = max(float(np.abs(record.u).max(initial=0.0)) for record in data)
