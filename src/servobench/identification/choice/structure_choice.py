@@ -364,11 +364,11 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
 
 
 def _sets_off_unexplained(by_itself: Fit, with_rest: Fit) -> Finding:
-    shares = [f"{np.floor(100 * fit.fit_percent) / 100:.2f} %" for fit in (by_itself, with_rest)]
+    more, less = (f"{np.floor(100 * fit.fit_percent) / 100:.2f} %" for fit in (by_itself, with_rest))
     sentence = (
         "The way in which the shaft sets off isn't that of this model: a motion that the input has next to no part in follows "
-        f"{shares[0]} of the output, this model {shares[1]}. Its time constant and delay may be far off. If the shaft was at rest "
-        "before the record, say `starts_at_rest=True`; otherwise leave out the rows in which it sets off."
+        f"{more} of the output, this model {less}. Its time constant and delay may be far off. If the shaft was at rest before "
+        "the record, say `starts_at_rest=True`; otherwise leave out the rows in which it sets off."
     )
     return warning("sets-off-unexplained", sentence, parameters=("time_constant", "delay"))
 
