@@ -121,3 +121,22 @@ def test_a_delay_is_rare_beyond_half_a_second_or_two_scales_and_sooner_where_row
 
     assert prior is not None
     assert prior.is_rare(delay) is is_rare
+
+
+@pytest.mark.parametrize(("first", "others"), [(3, 3), (3, 7), (3, 10)])
+def test_a_delay_that_is_longer_after_other_changes_than_after_the_first_is_in_its_interval(
+    first: int, others: int
+) -> None:
+    """A loop that takes over a new input at times of its own: the first motion bounds the delay of one change."""
+    edges = np.arange(200, 3000, 200)
+    levels = np.resize([3.0, 1.0], len(edges))
+    u, acting = np.zeros(3000), np.zeros(3000)
+    for n, (edge, level) in enumerate(zip(edges, levels, strict=True)):
+        u[edge:] = level
+        acting[edge + (others if n else first) :] = level
+    data = replace(dataset(seed=2, u=acting, samples=3000, truth=FRICTION), u=u)
+    fit = identify(data).fit
+
+    assert fit is not None
+    low, high = fit["delay"].interval
+    assert low < others * STEP < high

@@ -22,7 +22,7 @@ from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.disturbance import Disturbance
 from servobench.identification.models.base import Model, Structure
-from servobench.identification.models.first_motion import latest_delay
+from servobench.identification.models.first_motion import changes_of_input, latest_delay
 from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -149,8 +149,9 @@ class Fit:
     def estimates(self) -> dict[str, Estimate]:
         """The estimates by name, each with its 95 % interval: value ± 1.96 sd, or that in `intervals`, within what can be.
 
-        A friction or a time constant isn't below zero, and a delay doesn't end after the first motion. Friction that falls with
-        the speed takes no more than all of the input, and has fallen at the largest speed.
+        A friction or a time constant isn't below zero, and a delay doesn't end after the first motion, unless later changes of
+        the input ask for a longer one. Friction that falls with the speed takes no more than all of the input, and has fallen at
+        the largest speed.
         """
         sd, estimates = np.sqrt(np.diag(self.covariance)), {}
         for parameter, value, s, unit in zip(
@@ -158,6 +159,8 @@ class Fit:
         ):
             name = parameter.name
             low, high = self.intervals.get(name, (value - TWO_SIDED * s, value + TWO_SIDED * s))
+            if name == "delay" and self.delays_differ:
+                high = max(high, 2.0 * value - low)
             most = self._most(name, parameter.upper)
             interval = float(max(low, min(parameter.lower, value))), float(min(high, max(most, value)))
             estimates[name] = Estimate(
@@ -168,12 +171,18 @@ class Fit:
     def _most(self, name: str, nature: float) -> float:
         """The largest value of a parameter that nature and the records allow."""
         if name == "delay":
-            return self._latest_delay
+            return np.inf if self.delays_differ else self._latest_delay
         if name == "stribeck_voltage":
             return max(float(np.abs(record.data.u).max(initial=0.0)) for record in self.records)
         if name == "stribeck_speed":
             return max(float(np.abs(smooth_speed(record.data)).max(initial=0.0)) for record in self.records)
         return nature
+
+    @cached_property
+    def delays_differ(self) -> bool:
+        """Whether the data ask for a longer delay than the first motion allows: after other changes of the input it was."""
+        capped = "delay" in self.model.names and self.model["delay"] >= self._latest_delay
+        return bool(capped and changes_of_input([record.data for record in self.records]) > len(self.records))
 
     @cached_property
     def _latest_delay(self) -> float:

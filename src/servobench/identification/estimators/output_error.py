@@ -47,6 +47,7 @@ from servobench.identification.estimators.repetition import fold, period, repeat
 from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
 from servobench.identification.estimators.usual_friction import with_usual_friction
 from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure, as_protocol
+from servobench.identification.models.first_motion import changes_of_input
 from servobench.identification.models.level import one_level
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -427,10 +428,15 @@ def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> 
             continue
         if parameter.name == "delay":
             # What it is worth shows in its interval: `trust.doubts.delay` says so where it means something.
+            later = (
+                "; after other changes of the input it was longer"
+                if changes_of_input(data) > len(data)
+                else ""
+            )
             end = (
                 "shortest that misaligned columns allow"
                 if value <= low
-                else "longest that the first motion allows"
+                else f"longest that the first motion allows{later}"
             )
             sentence = f"The fit puts the delay at {milliseconds(float(value))} ms, the {end}."
             findings.append(info("parameter-at-bound", sentence, parameters=("delay",)))

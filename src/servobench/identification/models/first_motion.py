@@ -27,6 +27,11 @@ def latest_delay(data: Sequence[Dataset]) -> float:
     return min(bounds, default=np.inf)
 
 
+def changes_of_input(data: Sequence[Dataset]) -> int:
+    """Return how often the input changes in all records: the first motion is the answer to one of these changes."""
+    return sum(int(np.count_nonzero(np.diff(record.u))) for record in data)
+
+
 @keep_with_data
 def rests_at_first(data: Dataset) -> bool:
     """Return whether the shaft rests when a record begins, while its input does more than one thing.
