@@ -357,10 +357,10 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
     without, with_it = (f"{fit.fit_percent:.2f}" for fit in (one_way, with_rest))
     if float(with_it) > float(without):
         sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
-    findings = (info(_REST, sentence, parameters=("coulomb_voltage",)),)
+    findings = [info(_REST, sentence, parameters=("coulomb_voltage",))]
     if by_itself:
-        findings += (_sets_off_unexplained(one_way, with_rest),)
-    return _with_breakaway(method, data, _Base(fit=with_rest, findings=findings, fits=fits))
+        findings.append(_sets_off_unexplained(one_way, with_rest))
+    return _with_breakaway(method, data, _Base(fit=with_rest, findings=tuple(findings), fits=fits))
 
 
 def _sets_off_unexplained(by_itself: Fit, with_rest: Fit) -> Finding:

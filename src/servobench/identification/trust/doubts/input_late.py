@@ -86,7 +86,14 @@ def _around_changes(record: FittedRecord) -> _Around | None:
     coefficients, _, rank, _ = np.linalg.lstsq(beside, residual, rcond=None)
     if rank < beside.shape[1]:
         return None
-    return _Around(changes, rows, residual, beside, coefficients, residual - beside @ coefficients)
+    return _Around(
+        changes=changes,
+        rows=rows,
+        residual=residual,
+        beside=beside,
+        coefficients=np.asarray(coefficients, dtype=np.float64),
+        rest=residual - beside @ coefficients,
+    )
 
 
 def _is_ahead(around: _Around, sense: float) -> bool:

@@ -85,7 +85,7 @@ def _is_proportional(data: Dataset) -> bool:
     """Whether the input falls in proportion to the output, in all rows or in those in which it isn't at its limit."""
     u = np.interp(data.t_output, data.t_input, data.u)
     within = np.abs(u) < np.abs(u).max(initial=0.0)
-    return alike(u, data.y) or (np.count_nonzero(within) >= _LONG and alike(u[within], data.y[within]))
+    return alike(u, data.y) or bool(np.count_nonzero(within) >= _LONG and alike(u[within], data.y[within]))
 
 
 def _comes_to_rest(data: Dataset) -> bool:
