@@ -184,7 +184,15 @@ def _show(console: Console, honesty: Honesty) -> None:
     from servobench.core.rounding import plain, round_value
 
     say(console, f"{len(honesty.runs)} runs, structure {honesty.structure}\n")
-    headings = ("parameter", "over all runs", "±", "unit", "scatter / stated", "between 95 %", "covered")
+    headings = (
+        "parameter",
+        "over all runs",
+        "±",
+        "unit",
+        "scatter / stated",
+        "between 95 %",
+        "hold the others' mean",
+    )
     rows = []
     for each in honesty.parameters:
         mean = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)

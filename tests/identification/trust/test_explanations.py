@@ -393,6 +393,17 @@ def test_of_rows_half_a_turn_apart_no_weight_is_told(turns: float, happens_betwe
     assert not turns_between_rows([replace(dataset(seed=1, samples=400, y=angle), output_unit="m")])
 
 
+@pytest.mark.parametrize(("way", "is_weight"), [(0.3, False), (0.6, True)])
+def test_on_a_third_of_a_turn_in_one_direction_no_weight_is_told(way: float, is_weight: bool) -> None:
+    """A shaft that starts and is slowed down again: a torque that varies with the angle may do that, or anything else."""
+    t = np.arange(400) / 400
+    angle = 2 * np.pi * way * (3 * t**2 - 2 * t**3)
+    slowed = dataset(seed=1, samples=400, u=np.full(400, 3.0), y=angle)
+    case = Case(tuple(filter(None, [motion(slowed)])))
+
+    assert (EXPLANATIONS["weight"](case) is not None) is is_weight
+
+
 def test_an_input_without_any_part_in_the_motion_is_shifted_by_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -50,7 +50,9 @@ class Honesty:
         lines = [f"{len(self.runs)} runs, {self.structure}"]
         for each in self.parameters:
             over = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
-            lines.append(f"{each.label:16} {over}, {each.covered} of {len(self.runs)} intervals cover")
+            lines.append(
+                f"{each.label:16} {over}, {each.covered} of {len(self.runs)} intervals hold the mean of the others"
+            )
         return "\n".join([*lines, *(f"- {finding.sentence}" for finding in self.findings)])
 
     __repr__ = __str__

@@ -100,7 +100,7 @@ def _speeds_text(fit: Fit) -> str:
         f"{with_unit(speed, f'{data.position_unit}/s', 3)} at {with_unit(level, data.input_unit, 3)}"
         for level, speed in speeds.items()
     ]
-    return f" The motor settled at {list_text(texts)}."
+    return f" The motor settled at {list_text(list(dict.fromkeys(texts)))}."
 
 
 def _speeds_apart(fit: Fit) -> str:

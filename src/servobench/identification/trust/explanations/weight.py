@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import warning
-from servobench.identification.models.motion import turns_between_rows
+from servobench.identification.models.motion import turns_between_rows, turns_both_ways
 from servobench.identification.models.nonlinear.structure import SINE
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
@@ -14,6 +14,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _LEAST = 0.02  # of the largest input: a smaller torque is cogging, or a belt that runs out of true
 _TURNED = 0.2  # rad: over a smaller angle a weight pulls evenly, as an offset does
+_HALF_TURN = np.pi  # rad: on a shorter way in one direction whatever changes steadily looks like a weight
 
 
 def _weight(case: Case) -> CauseFit | None:
@@ -25,10 +26,13 @@ def _weight(case: Case) -> CauseFit | None:
     sine = [each.filter_through_chain(np.sin(each.y + each.data.y[0])) for each in case.motions]
     cosine = [each.filter_through_chain(np.cos(each.y + each.data.y[0])) for each in case.motions]
     regression = case.with_columns(sine, cosine)
+    travel = max(float(np.ptp(each.y)) for each in case.motions)
+    if travel < _HALF_TURN and not turns_both_ways([each.data for each in case.motions]):
+        return None
     size = float(np.hypot(*regression.coefficients[5:7])) / abs(regression.coefficients[1] or 1.0)
     unit = case.motions[0].data.input_unit
     largest = max(float(np.abs(each.u).max()) for each in case.motions)
-    if size < _LEAST * largest or max(float(np.ptp(each.y)) for each in case.motions) < _TURNED:
+    if size < _LEAST * largest or travel < _TURNED:
         return None
     # Of a torque beyond all that the motor had, only a small part was seen, so its size is unknown.
     size_is_known = size <= largest
