@@ -196,6 +196,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     ),
     "a missing unit": ({"data": {"t": T, "u": U, "x": Y}}, MissingInformation, "output"),
     "columns of arrays": ({**AS_ARRAYS, "input": "u"}, UsageError, "input refers to a column"),
+    "a dict of tables": ({"data": {"run 1": {"t": T, "u": T}}}, UsageError, r"'run 1' is a dict.* as a list"),
     "two dimensions": ({"data": {"t": T, "u": np.zeros((len(T), 2))}}, UsageError, "'u' has shape"),
     "rows of several lengths": ({"data": {"t": T, "u": U[:5]}}, UsageError, "5 to 1000 rows"),
     "a recording that isn't there": (

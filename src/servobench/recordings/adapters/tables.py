@@ -99,7 +99,13 @@ def _columns(data: Any) -> Iterator[tuple[str, Any]]:
         yield from ((str(name), each.values) for name, each in held.variables.items())
         return
     if isinstance(data, Mapping):
-        yield from ((str(name), cells) for name, cells in data.items())
+        for name, cells in data.items():
+            if isinstance(cells, Mapping) or hasattr(cells, "columns"):
+                raise UsageError(
+                    f"{name!r} is a {type(cells).__name__}, but a dict holds the columns of one recording, an array for each; give "
+                    "several recordings as a list: list(data.values())"
+                )
+            yield str(name), cells
         return
     if isinstance(data, np.ndarray):
         yield from ((name, data[name]) for name in data.dtype.names or ())
