@@ -102,7 +102,7 @@ def _columns(data: Any) -> Iterator[tuple[str, Any]]:
         for name, cells in data.items():
             if isinstance(cells, Mapping) or hasattr(cells, "columns"):
                 raise UsageError(
-                    f"{name!r} is a {type(cells).__name__}, but a dict holds the columns of one recording, an array for each; give "
+                    f"{name!r} is a {type(cells).__name__}, but a dict holds the columns of one recording; give "
                     "several recordings as a list: list(data.values())"
                 )
             yield str(name), cells

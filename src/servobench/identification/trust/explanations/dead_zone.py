@@ -13,6 +13,7 @@ from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import Motion, sweep_count
+from servobench.identification.trust.explanations.steady_windows import steady_windows
 
 _TURNING = 0.1  # of the top speed: a motor that turns, as friction alone lets none turn for long
 _SWEPT = 2.0  # times through its range: over one ramp or step a zone looks like friction
@@ -32,6 +33,8 @@ def _dead_zone(case: Case) -> CauseFit | None:
         max(sweep_count(each.u) for each in case.motions) < _SWEPT
         or _moving_share(case.motions, width) < _SEEN
     ):
+        return None
+    if _turns_evenly(case.motions, width, float(best_regression.coefficients[0])):
         return None
     unit = case.motions[0].data.input_unit
     sentence = (
@@ -56,6 +59,13 @@ def _moving_share(motions: Sequence[Motion], width: float) -> float:
         for m, w in zip(motions, speeds, strict=True)
     ]
     return float(np.mean(np.concatenate(shown)))
+
+
+def _turns_evenly(motions: Sequence[Motion], width: float, time_constant: float) -> bool:
+    """Whether the motor goes on at its speed under inputs in the zone for several time constants [s]: then they act."""
+    speeds, _, _, largest = steady_windows(motions, time_constant).T
+    top = max(float(np.percentile(np.abs(smooth_speed(each.data)), 99)) for each in motions)
+    return bool(np.any((largest < width) & (speeds > _TURNING * top)))
 
 
 def without_zone(u: Array, width: float) -> Array:

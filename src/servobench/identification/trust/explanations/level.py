@@ -41,7 +41,8 @@ def _level(case: Case) -> CauseFit | None:
         return None  # no supply turns a level round, and of a wrong sign the size is right
     unit = case.motions[0].data.input_unit
     alike = np.abs(levels[levels * level > 0.0])
-    may_bend = len(alike) < _FEWEST or (abs(level) == alike.max() and abs(really) < abs(level))
+    at_an_end = abs(level) == alike.min() or (abs(level) == alike.max() and abs(really) < abs(level))
+    may_bend = len(alike) < _FEWEST or at_an_end
     why = (
         "its label is wrong, the supply couldn't hold it, or the motor's characteristic bends there. Correct it, or identify "
         "each range of the input by itself."
