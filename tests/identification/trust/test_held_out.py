@@ -16,6 +16,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Fit, fit_perce
 from servobench.identification.estimators.output_error import OutputError, simulate_record
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES, Structure
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.result import Result
 from servobench.identification.trust.held_out import about_validation, cross_validate, cuts_for_validation
 from servobench.recordings.measurement.dataset import Dataset
@@ -297,3 +298,22 @@ def test_a_random_torque_that_no_part_tests_is_a_doubt_where_it_is_large(
     assert (fit.fit_percent < 90.0) is (severity == "warning")
     assert finding.severity == severity
     assert ("random torque" in finding.sentence) is (severity == "warning")
+
+
+@pytest.mark.parametrize(("times", "is_doubted"), [(1.0, False), (1.15, True)])
+def test_another_motor_is_noticed_by_what_the_intervals_allow_however_much_noise_hides(
+    times: float, is_doubted: bool
+) -> None:
+    """Noise is a tenth of the output, the other motor is faster by 15 %: three times what the first record foretells."""
+    random, runs = np.random.default_rng(3), []
+    for seed, gain in ((1, 1.0), (2, times)):
+        plain = dataset(seed=seed, samples=2500)
+        speed = gain * smooth_speed(plain)
+        noisy = speed + random.normal(scale=0.1 * float(np.std(speed)), size=len(speed))
+        run = replace(plain, name=f"run {seed}", kind="speed", output_unit="rad/s", quantum=None, y=noisy)
+        runs.append(run)
+    result = identify(runs[:1], validate_on=runs[1:])
+
+    assert ("validation-worse" in {each.code for each in result.findings}) is is_doubted
+    assert result.validation is not None
+    assert result.validation.fit_percent > 50.0

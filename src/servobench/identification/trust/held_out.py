@@ -39,6 +39,8 @@ _PREDICTS = (
     80.0  # % of what it wasn't fitted to: a model that predicts more of its own recording is no wrong one
 )
 _AS_NEAR = 4.0  # times what the fit to the rest leaves and its intervals foretell
+_ALLOWED = 2.5  # times that: beyond it is one record in a hundred by chance
+_NOTICED = 5.0  # % of the output of another recording: motors of a kind differ by as much in gain
 _WORST = 0.5  # % of the output unexplained, below which a difference doesn't matter
 _STILL = 0.02  # of the motion in all data: a part that neither moves nor is missed by more is no test
 # Times the misfit that the rest of the data foretell. A right model behind an ideal encoder reached 1.03 in 50 records, and
@@ -145,8 +147,13 @@ def about_validation(
             )
         ]
     missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
-    # A part in which the speed hardly varies is explained to few percent by a model that is as near to it as elsewhere.
-    if unseen > max(2.0, 5 * missing) and worst.beyond > _AS_NEAR:
+    # A part in which the speed hardly varies is explained to few percent by a model that is as near to it as elsewhere. Another
+    # recording may be another motor's: what it misses is held against what the intervals allow for, however much that is.
+    if (
+        unseen > _NOTICED and worst.beyond > _ALLOWED
+        if others
+        else unseen > max(2.0, 5 * missing) and worst.beyond > _AS_NEAR
+    ):
         return [
             say(
                 "validation-worse",
