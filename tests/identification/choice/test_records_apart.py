@@ -9,10 +9,14 @@ import pytest
 from scipy.signal import lfilter
 
 from servobench.core.finding import Finding, Severity, Verdict
+from servobench.identification.choice.records_apart import _untold
+from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
 from servobench.identification.result import Result
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
+from tests.identification.choice.test_structure_choice import breakaway
 from tests.rig.motor.reference import Truth, march
 
 TRUTH = Truth()
@@ -151,3 +155,33 @@ def test_records_with_different_zeros_of_the_input_are_no_wrong_structure() -> N
         fit = identify(alone).fit
         assert fit is not None
         assert abs(fit["gain"].value - 2.5) < 3 * fit["gain"].sd
+
+
+@pytest.mark.parametrize(("sags_to", "tells_gain"), [(0.95, False), (0.6, True)])
+def test_a_level_that_sags_doesnt_tell_the_gain_of_a_motor_that_turned_one_way(
+    sags_to: float, tells_gain: bool
+) -> None:
+    """After a rest: that isn't driving, and doesn't count."""
+    both_ways, _ = runs(1.0, 1.0)
+    step = np.concatenate([np.zeros(200), 3.0 * np.linspace(1.0, sags_to, 800)])
+    one_way = replace(dataset(seed=2, samples=1000, u=step), name="one way")
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [both_ways, one_way])
+
+    untold = _untold(fit, [one_way])
+    assert {"coulomb_voltage", "offset_voltage"} <= untold
+    assert ("gain" not in untold) is tells_gain
+
+
+@pytest.mark.parametrize("static", [0.5, 0.7, 0.9])
+def test_a_ramp_isnt_held_to_the_time_constant_of_a_step(static: float) -> None:
+    """A shaft that breaks away late looks slow, and the step, backward, shows that it isn't."""
+    records = []
+    for sense, u in ((1.0, 0.005 * np.arange(802)), (-1.0, np.full(302, 7.0))):
+        u[:2] = 0.0
+        plain = dataset(seed=1, samples=len(u), sample_time=0.02, u=sense * u, y=sense * breakaway(u, static))
+        records.append(replace(plain, quantum=np.pi / 360, name=f"{sense:g}"))
+    result = identify(records)
+
+    assert result.verdict is Verdict.TRUSTED
+    assert not apart(result)
+    assert result["gain"].interval[0] < 2.74 < result["gain"].interval[1]

@@ -22,15 +22,19 @@ from servobench.core.rounding import rounded_interval
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.misfit_covariance import allow_for_misfit
-from servobench.identification.models.motion import turns_both_ways
+from servobench.identification.models.motion import is_ramp, turns_both_ways
 from servobench.identification.trust.doubts.single_level import widen_for_single_level
 from servobench.identification.trust.validation import explains_the_colour
+from servobench.recordings.measurement.dataset import Dataset
 
 _MOST = 8  # fits, spread evenly over the records
 # It belongs to the times of each file more than to the motor, and takes up what is wrong with them.
 _OF_THE_FILE = "delay"
 # Percent of the output: records of which the model explains so little together, and so much without one, have no common motor.
 _TOGETHER, _APART_ONLY = 80.0, 90.0
+_DRIVES = 0.1  # of the largest input: a smaller one is how it got there
+_RARE = 10.0  # % of the inputs that drive the motor, for the same reason
+_ALIKE = 0.7  # of the largest: inputs that are all nearer to it are as good as one
 _FAR, _TELLS = 1.5, 0.5  # times, and of a value: an interval that is wider doesn't tell it
 
 
@@ -106,16 +110,24 @@ def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> lis
             continue
         if other.converged and other.estimator == fit.estimator:
             which = f"in {data[0].name}" if len(data) == 1 else f"without {fit.records[number].data.name}"
-            untold = frozenset() if turns_both_ways(data) == reverses else _constants(fit)
+            untold = frozenset() if turns_both_ways(data) == reverses else _untold(fit, data)
+            if all(map(is_ramp, data)):  # where it sets off says more of friction at rest than of a lag
+                untold |= {"time_constant"}
             selections.append(_Without(which=which, fit=other, untold=untold))
     return selections
 
 
-def _constants(fit: Fit) -> frozenset[str]:
-    """What friction and offset are called: of a motor that turns one way only their sum is known."""
-    return frozenset(
-        name for name in fit.model.names if name == "offset_voltage" or name.startswith("coulomb")
-    )
+def _untold(fit: Fit, data: Sequence[Dataset]) -> frozenset[str]:
+    """What records of a motor that turned one way don't tell: friction and offset, of which only the sum is known.
+
+    Nor do they tell the gain where their inputs lie so near to each other that it looks like friction: a supply that sags makes
+    several levels of one.
+    """
+    constants = {name for name in fit.model.names if name == "offset_voltage" or name.startswith("coulomb")}
+    sizes = np.abs(np.concatenate([record.u for record in data]))
+    driving = sizes[sizes > _DRIVES * sizes.max()]
+    low, high = np.percentile(driving, (_RARE, 100.0 - _RARE))
+    return frozenset(constants | ({"gain"} if low > _ALIKE * high else set()))
 
 
 def _under_the_same_noise(fit: Fit, other: Fit, allow: Callable[[Fit], Fit]) -> Fit:
