@@ -26,6 +26,8 @@ from servobench.identification.models.first_motion import changes_of_input, late
 from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
 
+_MOST_OF = 0.5  # of the longest delay that the first motion allows: what is shorter, and may be anything, is bounded by that
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedRecord:
@@ -181,7 +183,10 @@ class Fit:
     @cached_property
     def delays_differ(self) -> bool:
         """Whether the data ask for a longer delay than the first motion allows: after other changes of the input it was."""
-        capped = "delay" in self.model.names and self.model["delay"] >= self._latest_delay
+        if "delay" not in self.model.names or not np.isfinite(self._latest_delay):
+            return False
+        delay, latest = self.model["delay"], self._latest_delay
+        capped = delay > _MOST_OF * latest and delay + self.sd("delay") >= latest
         return bool(capped and changes_of_input([record.data for record in self.records]) > len(self.records))
 
     @cached_property

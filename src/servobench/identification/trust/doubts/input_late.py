@@ -24,6 +24,7 @@ _PART = 0.1  # of the residual's square: less isn't what limits the result
 _FEWEST = 8  # changes of the input
 # Rows from a sample to the change: what a wrong lag leaves beside the change isn't ahead of it.
 _NEARBY = (-1, 0, 1, 2)
+_NONE = 1e-6  # of the largest change: rounding
 _CLEAR = 0.05  # of the largest change: a smaller one shifts nothing
 _COARSE = 0.3  # of all lags: rows that lie nearer leave little room between them
 _UNEVEN = 4.0  # times the square of what is missed elsewhere: twice as much in each row
@@ -77,7 +78,9 @@ def _around_changes(record: FittedRecord) -> _Around | None:
     """The residual around the changes of the input; None where there are too few of them, or nothing else."""
     changes = np.diff(record.data.input_at_output, prepend=record.data.input_at_output[0])
     rows = np.arange(1, len(changes) - 2)
-    if len(rows) <= 2 * _FEWEST or np.count_nonzero(changes) < _FEWEST:
+    # On a ramp each row has the same change: what differs from that is where it begins and ends.
+    uneven = np.abs(changes - np.median(changes)) > _NONE * np.abs(changes).max(initial=0.0)
+    if len(rows) <= 2 * _FEWEST or np.count_nonzero(uneven) < _FEWEST:
         return None
     rows = rows[record.valid[rows]]
     beside = np.column_stack([np.ones(len(rows)), *(changes[rows + lag] for lag in _NEARBY)])
