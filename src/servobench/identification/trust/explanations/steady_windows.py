@@ -24,8 +24,8 @@ def steady_windows(motions: Sequence[Motion], time_constant: float) -> Array:
 
     Inputs and speeds are without their sign; a window in which either changes its sign is none. Windows don't overlap.
     """
-    found = [_of(each, time_constant) for each in motions]
-    return np.concatenate(found) if found else np.zeros((0, 4))
+    windows = [_of(each, time_constant) for each in motions]
+    return np.concatenate(windows) if windows else np.zeros((0, 4))
 
 
 def _of(motion: Motion, time_constant: float) -> Array:
