@@ -240,8 +240,8 @@ def _scatters(results: Sequence[Result]) -> tuple[Scatter, ...]:
     }
     if not known:
         raise NotIdentifiable(
-            "the runs don't determine any parameter, so there is nothing to compare: `servobench identify` says what "
-            "to record"
+            "no parameter is determined by all of the runs, so there is nothing to compare: `servobench identify` says "
+            "what each lacks"
         )
     return tuple(
         replace(

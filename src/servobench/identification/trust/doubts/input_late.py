@@ -52,8 +52,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
 def _finding(symptom: str, record: FittedRecord) -> Finding:
     step = with_unit(record.data.sample_time, "s", 2)
     sentence = (
-        f"{symptom}, which no delay explains. Between rows, {step} apart, the input was another one than the file says: maybe the "
-        "log keeps every n-th row of the controller. Record each row in which the input changes."
+        f"{symptom}, which no delay explains. Between rows, {step} apart, the input was another one than the file says: maybe "
+        "the log keeps every n-th row of the controller. Record each row in which the input changes."
     )
     return warning("input-late", sentence, parameters=("gain", "time_constant", "delay"))
 
