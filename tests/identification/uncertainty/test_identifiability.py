@@ -90,6 +90,19 @@ def test_time_constant_and_delay_that_stand_for_each_other_are_known_as_their_su
     assert "only together" in sentences[0]
 
 
+def test_a_sum_that_is_vaguer_than_the_delay_is_not_stated_beside_it() -> None:
+    """A delay of 70 ms known to 5 ms, and a time constant of 6 ms that may be five times that."""
+    fit = fitted()
+    theta = fit.model.theta.copy()
+    theta[[fit.model.names.index(name) for name in ("time_constant", "delay")]] = 0.006, 0.070
+    moved = replace(fit, model=replace(fit.model, theta=theta))
+    vague = with_spread(moved, time_constant=2.3, delay=0.036)
+
+    assert parameter_statuses(vague)["delay"].state is State.KNOWN
+    assert all(each.name != "lag" for each in combinations(vague))
+    assert parameter_statuses(vague)["time_constant"].state is not State.COMBINATION
+
+
 def test_a_combination_of_which_rounding_is_all_that_is_left_is_not_stated() -> None:
     """Gain and time constant that run to infinity together leave a quotient with no standard deviation, and not with one of 0."""
     near, lost = (with_spread(fitted_unsettled(), gain=size, time_constant=size) for size in (30.0, 1e12))

@@ -109,9 +109,16 @@ def combinations(fit: Fit) -> tuple[Combination, ...]:
 
 
 def _tells_more(whole: Combination, parts: Mapping[str, Estimate]) -> bool:
-    """Whether a combination is known much better than the first of its parts, which isn't known well."""
-    part = _relative(parts[whole.parameters[0]])
-    return part > max(_ROUGH, _BETTER * _relative(whole.estimate))
+    """Whether a combination is known much better than the first of its parts, which isn't known well.
+
+    A sum that is known less well than another of its parts says nothing beyond that.
+    """
+    first, *others = (parts[name] for name in whole.parameters)
+    vague = any(
+        is_known(other) and other.unit == whole.estimate.unit and other.half_width < whole.estimate.half_width
+        for other in others
+    )
+    return not vague and _relative(first) > max(_ROUGH, _BETTER * _relative(whole.estimate))
 
 
 def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combination]) -> ParameterStatus:
