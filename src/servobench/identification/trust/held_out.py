@@ -136,14 +136,14 @@ def about_validation(
         return [warning("validation-poor", sentence)]
     say = warning if validation.fit_percent < _PREDICTS or others else info
     if stands_out:
+        elsewhere = ", or in another of the records" if len(fit.records) > 1 else ""
         return [
             say(
                 "validation-worse",
-                f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it "
-                f"misses {100 - worst.fit_percent:.1f} % of the output there, {worst.beyond:.0f} "
-                f"times what the rest predicts. The motor, the supply or the amplifier was different there"
-                f"{', or in another of the records' if len(fit.records) > 1 else ''}, or it moves there as nowhere else; identify "
-                "with and without it, and compare.",
+                f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it misses "
+                f"{100 - worst.fit_percent:.1f} % of the output there, {worst.beyond:.0f} times what the rest predicts. The motor, "
+                f"the supply or the amplifier was different there{elsewhere}, or it moves there as nowhere else; identify with and "
+                "without it, and compare.",
             )
         ]
     missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
