@@ -137,15 +137,12 @@ def about_validation(
     say = warning if validation.fit_percent < _PREDICTS or others else info
     if stands_out:
         elsewhere = ", or in another of the records" if len(fit.records) > 1 else ""
-        return [
-            say(
-                "validation-worse",
-                f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it misses "
-                f"{100 - worst.fit_percent:.1f} % of the output there, {worst.beyond:.0f} times what the rest predicts. The motor, "
-                f"the supply or the amplifier was different there{elsewhere}, or it moves there as nowhere else; identify with and "
-                "without it, and compare.",
-            )
-        ]
+        sentence = (
+            f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it misses {100 - worst.fit_percent:.1f} % of "
+            f"the output there, {worst.beyond:.0f} times what the rest predicts. The motor, the supply or the amplifier was "
+            f"different there{elsewhere}, or it moves there as nowhere else; identify with and without it, and compare."
+        )
+        return [say("validation-worse", sentence)]
     missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
     # A part in which the speed hardly varies is explained to few percent by a model that is as near to it as elsewhere. Another
     # recording may be another motor's: what it misses is held against what the intervals allow for, however much that is.
