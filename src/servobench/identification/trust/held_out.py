@@ -138,8 +138,8 @@ def about_validation(
     if stands_out:
         elsewhere = ", or in another of the records" if len(fit.records) > 1 else ""
         sentence = (
-            f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it misses {100 - worst.fit_percent:.1f} % of "
-            f"the output there, {worst.beyond:.0f} times what the rest predicts. The motor, the supply or the amplifier was "
+            f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it misses {100 - worst.fit_percent:.1f} % "
+            f"of the output there, {worst.beyond:.0f} times what the rest predicts. The motor, the supply or the amplifier was "
             f"different there{elsewhere}, or it moves there as nowhere else; identify with and without it, and compare."
         )
         return [say("validation-worse", sentence)]
