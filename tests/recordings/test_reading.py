@@ -196,6 +196,11 @@ WRONG: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     ),
     "a missing unit": ({"data": {"t": T, "u": U, "x": Y}}, MissingInformation, "output"),
     "columns of arrays": ({**AS_ARRAYS, "input": "u"}, UsageError, "input refers to a column"),
+    "a dict of frames": (
+        {"data": {"run 1": pandas.DataFrame({"t": T, "u": T}), "run 2": pandas.DataFrame({"t": T, "u": T})}},
+        UsageError,
+        r"'run 1' is a DataFrame.* as a list",
+    ),
     "a dict of tables": ({"data": {"run 1": {"t": T, "u": T}}}, UsageError, r"'run 1' is a dict.* as a list"),
     "two dimensions": ({"data": {"t": T, "u": np.zeros((len(T), 2))}}, UsageError, "'u' has shape"),
     "rows of several lengths": ({"data": {"t": T, "u": U[:5]}}, UsageError, "5 to 1000 rows"),
@@ -332,3 +337,10 @@ def test_whole_numbers_behind_commas_of_which_no_option_names_the_second_are_ask
         FormatError, match=r"two whole numbers or one .* by its number, such as `output=2:UNIT`"
     ):
         datasets_in(whole_numbers(tmp_path), input_value="6:V", output="1:rpm")
+
+
+def test_what_is_said_of_a_recording_beside_its_columns_is_left_out() -> None:
+    told = {"time_s": T, "voltage_v": U, "angle_rad": Y, "meta": {"serial": "A1"}}
+
+    (described,) = sb.inspect(told)
+    assert [channel.name for channel in described.channels] == ["time_s", "voltage_v", "angle_rad"]

@@ -101,11 +101,11 @@ def _determines_nothing(result: Result) -> bool:
 
 def _show_verdict(console: Console, result: Result) -> None:
     style, sentence = _VERDICTS[result.verdict]
-    left = _open_part(result) if result.verdict is Verdict.TRUSTED else ""
+    left = _unknown_text(result) if result.verdict is Verdict.TRUSTED else ""
     show_wrapped(console, Text(f"{result.verdict}: ", style=style), f"{sentence}{left}", hanging=0)
 
 
-def _open_part(result: Result) -> str:
+def _unknown_text(result: Result) -> str:
     """What a trusted result without a gain doesn't tell: intervals that hold aren't yet a model."""
     from servobench.identification.uncertainty.identifiability import State
 

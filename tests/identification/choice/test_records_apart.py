@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from servobench.core.finding import Finding, Severity, Verdict
-from servobench.identification.choice.records_apart import _untold
+from servobench.identification.choice.noise_choice import allow_for_disturbance
+from servobench.identification.choice.records_apart import _open_parameters, _under_the_same_noise
 from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
@@ -167,9 +168,37 @@ def test_a_level_that_sags_doesnt_tell_the_gain_of_a_motor_that_turned_one_way(
     one_way = replace(dataset(seed=2, samples=1000, u=step), name="one way")
     fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [both_ways, one_way])
 
-    untold = _untold(fit, [one_way])
-    assert {"coulomb_voltage", "offset_voltage"} <= untold
-    assert ("gain" not in untold) is tells_gain
+    undetermined = _open_parameters(fit, [one_way])
+    assert {"coulomb_voltage", "offset_voltage"} <= undetermined
+    assert ("gain" not in undetermined) is tells_gain
+
+
+@pytest.mark.parametrize("structure", ["auto", "first_order", "first_order_coulomb"])
+def test_a_record_that_only_coasts_is_held_against_another_one(structure: str) -> None:
+    """It has no input that could tell the gain, and tells how fast the speed falls."""
+    both_ways, _ = runs(1.0, 1.0)
+    slower = TRUTH._replace(inertia=1.5 * TRUTH.inertia, coulomb_torque=0.0)
+    angle = march(slower, np.repeat([3.0, 0.0], 1000), 0.002)[:, 2]
+    plain = dataset(seed=0, samples=2000, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM)
+    coast = replace(plain, u=np.repeat([3.0, 0.0], 1000), name="coast").part(2.0, 4.0)
+    assert not coast.u.any()
+
+    result = identify([both_ways, coast], structure)
+
+    assert result.fit is not None
+    assert all("gain" not in finding.parameters for finding in apart(result))
+
+
+def test_a_selection_without_a_torque_is_fitted_as_the_whole_that_has_one() -> None:
+    clean, _ = runs(1.0, 1.0)
+    turned = dataset(seed=3, kind="prbs", torque_noise=1e-4)
+    method, structure = ESTIMATORS["output_error"], STRUCTURES["first_order_coulomb"]
+    whole = allow_for_disturbance(method.fit(structure, [turned]))
+    other = method.fit(structure, [clean])
+    assert whole.estimator == "prediction_error"
+    assert allow_for_disturbance(other).estimator != whole.estimator
+
+    assert _under_the_same_noise(whole, other, allow_for_disturbance).estimator == whole.estimator
 
 
 @pytest.mark.parametrize("static", [0.5, 0.7, 0.9])

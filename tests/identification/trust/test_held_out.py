@@ -17,7 +17,7 @@ from servobench.identification.estimators.output_error import OutputError, simul
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.motion import smooth_speed
-from servobench.identification.result import Result
+from servobench.identification.result import RecordFit, Result, Validation
 from servobench.identification.trust.held_out import about_validation, cross_validate, cuts_for_validation
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
@@ -317,3 +317,46 @@ def test_another_motor_is_noticed_by_what_the_intervals_allow_however_much_noise
     assert ("validation-worse" in {each.code for each in result.findings}) is is_doubted
     assert result.validation is not None
     assert result.validation.fit_percent > 50.0
+
+
+def beside(*others: RecordFit) -> list[str]:
+    """What is said of a model that explains 99 % of its own record, and so much of others."""
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [dataset(seed=1)])
+    tried = [replace(dataset(seed=2), name=other.name) for other in others]
+    mean = float(np.mean([other.fit_percent for other in others]))
+    found = about_validation(fit, Validation(how="", fit_percent=mean, records=others), tried)
+    return [each.sentence for each in found if each.code == "validation-worse"]
+
+
+@pytest.mark.parametrize(
+    ("percent", "beyond", "is_doubted"),
+    [(94.0, 2.4, False), (94.0, 2.6, True), (96.0, 7.0, False), (96.0, 9.0, True), (98.5, 90.0, False)],
+)
+def test_what_another_record_may_miss(percent: float, beyond: float, is_doubted: bool) -> None:
+    """More than 5 % by 2.5 times what is foretold, or more than 2 % by 8 times."""
+    one = RecordFit(name="one", samples=100, fit_percent=percent, beyond=beyond)
+
+    assert bool(beside(one)) is is_doubted
+
+
+def test_an_odd_record_among_others_is_named_although_their_mean_is_near() -> None:
+    odd = RecordFit(name="odd", samples=100, fit_percent=93.0, beyond=4.5)
+    sound = RecordFit(name="sound", samples=100, fit_percent=99.0, beyond=1.0)
+
+    (sentence,) = beside(sound, odd)
+    assert "93.0 % of odd" in sentence
+
+
+def test_a_noisier_sensor_is_no_other_motor() -> None:
+    random, runs = np.random.default_rng(3), []
+    for seed, noise in ((1, 0.03), (2, 0.09)):
+        plain = dataset(seed=seed, samples=2500)
+        speed = smooth_speed(plain)
+        noisy = speed + random.normal(scale=noise * float(np.std(speed)), size=len(speed))
+        run = replace(plain, name=f"run {seed}", kind="speed", output_unit="rad/s", quantum=None, y=noisy)
+        runs.append(run)
+    result = identify(runs[:1], validate_on=runs[1:])
+
+    assert worse(result) == []
+    assert result.validation is not None
+    assert result.validation.fit_percent < 95.0

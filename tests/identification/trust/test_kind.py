@@ -193,5 +193,8 @@ def test_a_position_that_a_limited_proportional_controller_brings_to_its_goal_is
 
     assert np.count_nonzero(np.abs(loop.u) == 8.0) > 10
     assert _is_proportional(loop)
+    assert _is_proportional(replace(loop, u=np.clip(loop.u, -6.0, 8.0)))
+    noise = np.random.default_rng(1).normal(scale=1e-3, size=100)
+    assert _is_proportional(replace(loop, u=loop.u + np.where(np.abs(loop.u) == 8.0, noise, 0.0)))
     assert not _is_proportional(replace(loop, u=np.where(t % 0.2 < 0.1, 8.0, 0.0)))
     assert not _is_proportional(dataset(seed=1, kind="prbs"))

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servobench.identification.trust.explanations import dead_zone
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.dead_zone import _turns_evenly
 from servobench.identification.trust.explanations.equation import motion
 from servobench.identification.trust.explanations.steady_windows import steady_windows
@@ -31,10 +33,12 @@ def test_windows_are_those_of_an_even_speed_under_inputs_of_one_sign() -> None:
     u = np.repeat([0.0, 4.0, 8.0, -4.0], 100)
     (found,) = [motion(driven(u, u))]
     assert found is not None
-    speeds, least, mean, largest = steady_windows([found], TAU).T
+    speeds, least, largest = steady_windows([found], TAU).T
 
-    np.testing.assert_allclose(speeds[least > 0.0], GAIN * mean[least > 0.0], rtol=0.04)
-    assert {4.0, 8.0} == {float(each) for each in largest[(least == largest) & (least > 0.0)]}
+    even = (least == largest) & (least > 0.0)
+    np.testing.assert_allclose(speeds[even], GAIN * largest[even], rtol=0.04)
+    assert {4.0, 8.0} == set(largest[even].tolist())
+    assert not len(steady_windows([found], np.nan))
 
 
 @pytest.mark.parametrize(("width", "goes_on"), [(3.0, False), (6.0, True), (10.0, True)])
@@ -55,3 +59,12 @@ def test_a_motor_that_coasts_through_a_dead_zone_doesnt_go_on() -> None:
     assert found is not None
 
     assert not _turns_evenly([found], 8.6, TAU)
+
+
+def test_a_zone_is_not_reported_where_the_motor_goes_on_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    u = np.repeat(np.random.default_rng(1).choice([-6.0, -2.0, 1.0, 3.0, 6.0], 40), 12)
+    case = Case(tuple(filter(None, [motion(driven(u, u - np.clip(u, -1.5, 1.5)))])))
+
+    assert EXPLANATIONS["dead_zone"](case) is not None
+    monkeypatch.setattr(dead_zone, "_turns_evenly", lambda *_: True)
+    assert EXPLANATIONS["dead_zone"](case) is None

@@ -40,15 +40,15 @@ _FAR, _TELLS = 1.5, 0.5  # times, and of a value: an interval that is wider does
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Without:
-    """The fit of all records but one, and which those are, in words; it says nothing of the parameters `untold`."""
+    """The fit of all records but one, and which those are, in words; it says nothing of the parameters `undetermined`."""
 
     which: str
     fit: Fit
-    untold: frozenset[str] = frozenset()
+    undetermined: frozenset[str] = frozenset()
 
     def tells(self, name: str) -> bool:
         """Whether it has an interval for that parameter."""
-        return name not in self.untold and bool(np.isfinite(self.fit[name].sd))
+        return name not in self.undetermined and bool(np.isfinite(self.fit[name].sd))
 
 
 def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
@@ -110,14 +110,14 @@ def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> lis
             continue
         if other.converged and other.estimator == fit.estimator:
             which = f"in {data[0].name}" if len(data) == 1 else f"without {fit.records[number].data.name}"
-            untold = frozenset() if turns_both_ways(data) == reverses else _untold(fit, data)
+            undetermined = frozenset() if turns_both_ways(data) == reverses else _open_parameters(fit, data)
             if all(map(is_ramp, data)):  # where it sets off says more of friction at rest than of a lag
-                untold |= {"time_constant"}
-            selections.append(_Without(which=which, fit=other, untold=untold))
+                undetermined |= {"time_constant"}
+            selections.append(_Without(which=which, fit=other, undetermined=undetermined))
     return selections
 
 
-def _untold(fit: Fit, data: Sequence[Dataset]) -> frozenset[str]:
+def _open_parameters(fit: Fit, data: Sequence[Dataset]) -> frozenset[str]:
     """What records of a motor that turned one way don't tell: friction and offset, of which only the sum is known.
 
     Nor do they tell the gain where their inputs lie so near to each other that it looks like friction: a supply that sags makes
@@ -125,7 +125,9 @@ def _untold(fit: Fit, data: Sequence[Dataset]) -> frozenset[str]:
     """
     constants = {name for name in fit.model.names if name == "offset_voltage" or name.startswith("coulomb")}
     sizes = np.abs(np.concatenate([record.u for record in data]))
-    driving = sizes[sizes > _DRIVES * sizes.max()]
+    driving = sizes[sizes > _DRIVES * sizes.max(initial=0.0)]
+    if not driving.size:
+        return frozenset(constants | {"gain"})
     low, high = np.percentile(driving, (_RARE, 100.0 - _RARE))
     return frozenset(constants | ({"gain"} if low > _ALIKE * high else set()))
 

@@ -26,7 +26,7 @@ from servobench.identification.models.first_motion import changes_of_input, late
 from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
 
-_MOST_OF = 0.5  # of the longest delay that the first motion allows: what is shorter, and may be anything, is bounded by that
+_LONG = 0.5  # of the longest delay that the first motion allows: a shorter estimate, however vague, doesn't speak against that
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,9 +151,9 @@ class Fit:
     def estimates(self) -> dict[str, Estimate]:
         """The estimates by name, each with its 95 % interval: value ± 1.96 sd, or that in `intervals`, within what can be.
 
-        A friction or a time constant isn't below zero, and a delay doesn't end after the first motion, unless later changes of
-        the input ask for a longer one. Friction that falls with the speed takes no more than all of the input, and has fallen at
-        the largest speed.
+        A friction or a time constant isn't below zero, and a delay doesn't end after the first motion, unless the estimate lies
+        at that end and the input changes again. Friction that falls with the speed takes no more than all of the input, and has
+        fallen at the largest speed.
         """
         sd, estimates = np.sqrt(np.diag(self.covariance)), {}
         for parameter, value, s, unit in zip(
@@ -182,11 +182,14 @@ class Fit:
 
     @cached_property
     def delays_differ(self) -> bool:
-        """Whether the data ask for a longer delay than the first motion allows: after other changes of the input it was."""
+        """Whether the estimate lies at the longest delay that the first motion allows, and that of other changes may be longer.
+
+        That is a bound on the delay of one change. A lag that isn't modelled leads there, too; its interval is the wider for it.
+        """
         if "delay" not in self.model.names or not np.isfinite(self._latest_delay):
             return False
         delay, latest = self.model["delay"], self._latest_delay
-        capped = delay > _MOST_OF * latest and delay + self.sd("delay") >= latest
+        capped = delay > _LONG * latest and delay + self.sd("delay") >= latest
         return bool(capped and changes_of_input([record.data for record in self.records]) > len(self.records))
 
     @cached_property

@@ -229,7 +229,7 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     elif value > 0:
         assumed = f"The delay is assumed to be {taken}, which fits best, though so long a delay is rare"
     else:
-        assumed = f"They fit best with an output that comes {with_unit(-value, 's', 2)} before its input, as none does"
+        assumed = f"The best fit has the output {with_unit(-value, 's', 2)} before its input, as no motor has"
     rare = prior.is_rare(value)
     late = rare and value > 0
     check = " Check that the input is logged when it acts." if late else ""
@@ -237,7 +237,7 @@ def finding(minimum: Minimum, prior: DelayPrior) -> Finding:
     return (warning if late else info)(
         CODE,
         f"These data can't separate the delay from friction and the time constant. {assumed}, and the other intervals allow for "
-        f"that; to measure it, sample a step from rest faster.{check}",
+        f"that; to measure the delay, sample a step from rest faster.{check}",
         parameters=("delay", "coulomb_voltage") if prior.along is not None else ("delay",),
     )
 

@@ -429,7 +429,7 @@ def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> 
         if parameter.name == "delay":
             # What it is worth shows in its interval: `trust.doubts.delay` says so where it means something.
             later = (
-                "; after other changes of the input it was longer"
+                "; after other changes of the input it may be longer"
                 if changes_of_input(data) > len(data)
                 else ""
             )

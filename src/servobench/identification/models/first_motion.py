@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
 _FEW = 3  # samples that show a rest
 _CLEAR = 3.0  # times the noise: a top speed that stands out
+_CHANGE = 0.1  # of the input's range
 _FAR = 10.0  # times as far as the shaft may have gone unseen: that it has at its top speed, where it is taken to rest
 
 
@@ -28,8 +30,20 @@ def latest_delay(data: Sequence[Dataset]) -> float:
 
 
 def changes_of_input(data: Sequence[Dataset]) -> int:
-    """Return how often the input changes in all records: the first motion is the answer to one of these changes."""
-    return sum(int(np.count_nonzero(np.diff(record.u))) for record in data)
+    """Return how often the input changes in all records, by a tenth of its range at least.
+
+    The first motion of a record is the answer to one of these changes. The last digit of a measured voltage is none.
+    """
+    return sum(_clear_changes(record.u) for record in data)
+
+
+def _clear_changes(u: Array) -> int:
+    """The number of samples of an input (N,) that differ clearly from the last one that did."""
+    least, held, count = _CHANGE * float(np.ptp(u)), float(u[0]), 0
+    for value in u[np.flatnonzero(np.diff(u)) + 1].tolist():
+        if abs(value - held) > least:
+            held, count = value, count + 1
+    return count
 
 
 @keep_with_data

@@ -39,8 +39,9 @@ _PREDICTS = (
     80.0  # % of what it wasn't fitted to: a model that predicts more of its own recording is no wrong one
 )
 _AS_NEAR = 4.0  # times what the fit to the rest leaves and its intervals foretell
-_ALLOWED = 2.5  # times that: beyond it is one record in a hundred by chance
-_NOTICED = 5.0  # % of the output of another recording: motors of a kind differ by as much in gain
+_ALLOWED = 2.5  # times that: what another recording may miss, whose motor or state is never quite the same
+_NOTICED = 5.0  # % of its output: less doesn't matter
+_CERTAIN = 2.0  # % of it, where it is missed by far more than that
 _WORST = 0.5  # % of the output unexplained, below which a difference doesn't matter
 _STILL = 0.02  # of the motion in all data: a part that neither moves nor is missed by more is no test
 # Times the misfit that the rest of the data foretell. A right model behind an ideal encoder reached 1.03 in 50 records, and
@@ -104,10 +105,17 @@ def validate_with(fit: Fit, data: Sequence[Dataset]) -> Validation:
     return Validation(
         how=f"simulated {count_text(len(held), 'other record')} that it wasn't fitted to",
         fit_percent=fit_percent(held),
-        records=tuple(
-            _record_fit(record.data.name, [record], fit, _foretold([record], fit)) for record in held
-        ),
+        records=tuple(_other_record(record, fit) for record in held),
     )
+
+
+def _other_record(record: FittedRecord, fit: Fit) -> RecordFit:
+    """How well a record is simulated that has a sensor of its own: what it misses from sample to sample is that one's noise."""
+    left = record.residual[record.valid]
+    noise = float(np.std(np.diff(left))) / np.sqrt(2.0) if len(left) > 1 else 0.0
+    same = record.data.kind == fit.records[0].data.kind
+    own = max(fit.residual_sd, noise) if same else noise
+    return _record_fit(record.data.name, [record], _foretold([record], fit), own)
 
 
 def about_validation(
@@ -144,22 +152,27 @@ def about_validation(
         )
         return [say("validation-worse", sentence)]
     missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
-    # A part in which the speed hardly varies is explained to few percent by a model that is as near to it as elsewhere. Another
-    # recording may be another motor's: what it misses is held against what the intervals allow for, however much that is.
-    if (
-        unseen > _NOTICED and worst.beyond > _ALLOWED
-        if others
-        else unseen > max(2.0, 5 * missing) and worst.beyond > _AS_NEAR
-    ):
+    # A part in which the speed hardly varies is explained to few percent by a model that is as near to it as elsewhere.
+    worse = unseen > max(2.0, 5 * missing) and worst.beyond > _AS_NEAR
+    foreign = [each for each in validation.records if _is_foreign(each)] if others else []
+    if foreign or (worse and not others):
+        percent, what = (
+            (foreign[0].fit_percent, foreign[0].name) if foreign else (validation.fit_percent, "the rest")
+        )
         return [
             say(
                 "validation-worse",
                 f"The model explains {fit.fit_percent:.1f} % of the data it was fitted to, but "
-                f"only {validation.fit_percent:.1f} % of the rest: another motor, another "
-                "operating point, or overfitting.",
+                f"only {percent:.1f} % of {what}: another motor, another operating point, or overfitting.",
             )
         ]
     return []
+
+
+def _is_foreign(record: RecordFit) -> bool:
+    """Whether another recording is missed by more than residual and intervals allow for, however much that is."""
+    least = _NOTICED if record.beyond < _BEYOND else _CERTAIN
+    return record.beyond > _ALLOWED and 100 - record.fit_percent > least
 
 
 def _not_validated(fit: Fit) -> Finding:
@@ -219,7 +232,7 @@ def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRe
     still = max(_motion(held), _misfit(held)) < _STILL * _motion(fit.records)
     if still or not foretold < _UNTOLD * _variation(held):
         return None
-    return held, _record_fit(part.name, held, other, foretold)
+    return held, _record_fit(part.name, held, foretold, other.residual_sd)
 
 
 def _shows_no_lag(fit: Fit) -> bool:
@@ -247,8 +260,8 @@ def _start(fit: Fit, data: Dataset) -> Array:
     return with_start_fitted(fit.model.structure, theta, data).theta[len(theta) :]
 
 
-def _record_fit(name: str, held: Sequence[FittedRecord], fit: Fit, foretold: float) -> RecordFit:
-    expected = float(np.hypot(fit.residual_sd, foretold))
+def _record_fit(name: str, held: Sequence[FittedRecord], foretold: float, noise: float) -> RecordFit:
+    expected = float(np.hypot(noise, foretold))
     return RecordFit(
         name=name,
         samples=sum(int(record.valid.sum()) for record in held),

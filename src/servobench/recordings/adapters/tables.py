@@ -99,13 +99,13 @@ def _columns(data: Any) -> Iterator[tuple[str, Any]]:
         yield from ((str(name), each.values) for name, each in held.variables.items())
         return
     if isinstance(data, Mapping):
-        for name, cells in data.items():
-            if isinstance(cells, Mapping) or hasattr(cells, "columns"):
-                raise UsageError(
-                    f"{name!r} is a {type(cells).__name__}, but a dict holds the columns of one recording; give "
-                    "several recordings as a list: list(data.values())"
-                )
-            yield str(name), cells
+        if data and all(isinstance(cells, Mapping) or _is_frame(cells) for cells in data.values()):
+            name, table = next(iter(data.items()))
+            raise UsageError(
+                f"{name!r} is a {type(table).__name__}, but a dict holds the columns of one recording; give several recordings "
+                "as a list: list(data.values())"
+            )
+        yield from ((str(name), cells) for name, cells in data.items())
         return
     if isinstance(data, np.ndarray):
         yield from ((name, data[name]) for name in data.dtype.names or ())

@@ -36,6 +36,7 @@ _LEVELS = 3
 _GOES = 0.7  # of the pace in the second quarter: what settles has lost more of it, unless it takes 1.4 times as long
 _FEW_LOW = 3  # samples of such an input
 _CLEAR = 3.0  # times the noise, by which a position goes on meanwhile
+_AT_LIMIT = 0.01  # of the input's range: what is nearer to an end of it is at that end
 _ENOUGH = 5000  # samples to tell the two kinds apart
 _BEHAVES = {
     "position": "it goes on growing while the input stands still",
@@ -82,9 +83,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
 
 
 def _is_proportional(data: Dataset) -> bool:
-    """Whether the input falls in proportion to the output, in all rows or in those in which it isn't at its limit."""
+    """Whether the input is a line in the output, in all rows or in those in which it isn't at a limit."""
     u = np.interp(data.t_output, data.t_input, data.u)
-    within = np.abs(u) < np.abs(u).max(initial=0.0)
+    within = (u > u.min() + _AT_LIMIT * np.ptp(u)) & (u < u.max() - _AT_LIMIT * np.ptp(u))
     return alike(u, data.y) or bool(np.count_nonzero(within) >= _LONG and alike(u[within], data.y[within]))
 
 

@@ -63,9 +63,9 @@ def _moving_share(motions: Sequence[Motion], width: float) -> float:
 
 def _turns_evenly(motions: Sequence[Motion], width: float, time_constant: float) -> bool:
     """Whether the motor goes on at its speed under inputs in the zone for several time constants [s]: then they act."""
-    speeds, _, _, largest = steady_windows(motions, time_constant).T
+    speeds, least, largest = steady_windows(motions, time_constant).T
     top = max(float(np.percentile(np.abs(smooth_speed(each.data)), 99)) for each in motions)
-    return bool(np.any((largest < width) & (speeds > _TURNING * top)))
+    return bool(np.any((least > 0.0) & (largest < width) & (speeds > _TURNING * top)))
 
 
 def without_zone(u: Array, width: float) -> Array:

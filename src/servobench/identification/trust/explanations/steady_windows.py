@@ -20,16 +20,19 @@ _FEWEST = 4  # points of the grid in a half
 
 
 def steady_windows(motions: Sequence[Motion], time_constant: float) -> Array:
-    """Return mean speed, least, mean and largest input (S, 4) of all windows of 4 time constants [s] with an even speed.
+    """Return mean speed, smallest and largest input (S, 3) of all windows of 4 time constants [s] with an even speed.
 
-    Inputs and speeds are without their sign; a window in which either changes its sign is none. Windows don't overlap.
+    Inputs and speeds are without their sign; a window in which either changes its sign is none. Windows don't overlap. There are
+    none for a time constant that isn't above zero.
     """
+    if not 0.0 < time_constant < np.inf:
+        return np.zeros((0, 3))
     windows = [_of(each, time_constant) for each in motions]
-    return np.concatenate(windows) if windows else np.zeros((0, 4))
+    return np.concatenate(windows) if windows else np.zeros((0, 3))
 
 
 def _of(motion: Motion, time_constant: float) -> Array:
-    count = max(int(np.ceil(_LONG * max(time_constant, 0.0) / motion.step)), 2 * _FEWEST)
+    count = max(int(np.ceil(min(_LONG * time_constant / motion.step, len(motion.t)))), 2 * _FEWEST)
     windows = len(motion.t) // count
     speed = np.interp(motion.t, motion.data.t_output, smooth_speed(motion.data))
     u, w = (x[: windows * count].reshape(windows, count) for x in (motion.u, speed))
@@ -37,5 +40,5 @@ def _of(motion: Motion, time_constant: float) -> Array:
     even = np.abs(halves[1] - halves[0]) <= _EVEN * np.maximum(*halves)
     one_sign = (np.ptp(np.sign(u), axis=1) == 0) & (np.ptp(np.sign(w), axis=1) == 0)
     size = np.abs(u)
-    columns = np.abs(w.mean(axis=1)), size.min(axis=1), size.mean(axis=1), size.max(axis=1)
+    columns = np.abs(w.mean(axis=1)), size.min(axis=1), size.max(axis=1)
     return np.asarray(np.column_stack(columns)[even & one_sign], dtype=np.float64)
