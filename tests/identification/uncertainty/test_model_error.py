@@ -21,7 +21,6 @@ from servobench.identification.uncertainty.model_error import (
 )
 from servobench.identification.uncertainty.weak_priors import with_weak_priors
 from servobench.recordings.measurement.dataset import Dataset
-from servobench.recordings.recording import Source
 from tests.datasets import QUANTUM, dataset, square
 from tests.rig.motor.reference import Truth, march
 
@@ -52,27 +51,6 @@ def test_an_ideal_motor_with_several_events_gets_nothing(seed: int) -> None:
     assert min(found.events.values()) > 4  # eight steps in 10 s at 0.4 Hz
     assert found.ratio < 1.2
     assert not any(found.shares.values())
-
-
-def test_records_that_are_given_in_another_order_have_the_same_error() -> None:
-    """The residual of each goes on in the next one's, as if they were one record."""
-    records = [
-        replace(with_ripple(size), name=name, source=Source(name=name))
-        for name, size in (("one", 0.002), ("two", 0.02), ("three", 0.006))
-    ]
-    fits = [
-        ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], each)
-        for each in (records, records[::-1])
-    ]
-    first, last = (model_error(fit) for fit in fits)
-
-    assert first is not None
-    assert last is not None
-    assert first.ratio > 2.0
-    assert last.ratio == pytest.approx(first.ratio, rel=1e-5)  # of two searches for the same minimum
-    np.testing.assert_allclose(
-        last.covariance, first.covariance, rtol=1e-3, atol=1e-6 * np.abs(first.covariance).max()
-    )
 
 
 def test_with_nothing_to_add_the_fit_is_the_same() -> None:

@@ -103,8 +103,7 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     # In coordinates q = Rθ, in which white noise is round.
     root = root_of_covariance(fit, jacobian, scale, variance)
     whitened = j @ root
-    at = _in_order_of_names(fit)
-    of_scores = _long_run_on_the_clock(whitened[at], e[at])
+    of_scores = _long_run_on_the_clock(whitened, e)
     white, coloured = variance * root @ root.T, root @ of_scores @ root.T
     shared = len(names)
     directions, parameters = _directions(fit, scale)
@@ -217,14 +216,6 @@ def _directions(fit: Fit, scale: Array) -> tuple[Array, list[str]]:
     each = np.diag(scale[: len(names)])
     parameters = [name for name in names if name == "gain" or name.startswith("coulomb_voltage")]
     return np.array([lag, *(each[names.index(name)] for name in parameters)]), ["lag", *parameters]
-
-
-def _in_order_of_names(fit: Fit) -> NDArray[np.int64]:
-    """The numbers of all valid samples (N,), record by record in the order of names: files given in another one say the same."""
-    counts = [int(record.valid.sum()) for record in fit.records]
-    parts = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
-    names = [(record.data.name, float(record.data.t_output[0])) for record in fit.records]
-    return np.concatenate([parts[n] for n in sorted(range(len(parts)), key=names.__getitem__)])
 
 
 def _long_run_on_the_clock(j: Array, e: Array) -> Array:
