@@ -109,13 +109,15 @@ def _unknown_text(result: Result) -> str:
     """What a trusted result without a gain doesn't tell: intervals that hold aren't yet a model."""
     from servobench.identification.uncertainty.identifiability import State
 
+    answers = result.answers
     unknown = [
-        parameter_in_words(name)
+        name
         for name in ("gain", "time_constant")
-        if name in result.answers and result.answers[name].state is not State.KNOWN
+        if name in answers and answers[name].state is not State.KNOWN
     ]
-    without = "gain" in result.answers and result.answers["gain"].state is not State.KNOWN
-    return f", which leave the {' and the '.join(unknown)} open" if without else ""
+    if "gain" not in unknown:
+        return ""
+    return f", which leave the {' and the '.join(map(parameter_in_words, unknown))} open"
 
 
 def show_findings(

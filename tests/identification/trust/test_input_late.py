@@ -13,6 +13,7 @@ from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.identification.trust.doubts.input_late import _around_changes, _differs_at_changes
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
@@ -105,9 +106,14 @@ def test_one_that_changes_as_long_before_each_row_has_a_fit_that_leaves_nothing_
     assert doubts(best_fit(sparse_log(late))) == []
 
 
-def test_rows_that_are_near_for_the_motor_leave_nothing_between_them() -> None:
-    """5 rows of the controller are 10 ms, a tenth of the time constant: no result depends on what happens between them."""
-    assert doubts(best_fit(log_of_a_free_input(every=5))) == []
+def test_rows_that_are_near_for_the_motor_are_not_doubted() -> None:
+    """10 rows of the controller are 20 ms, a fifth of the time constant: what is left around changes moves no result."""
+    fit = best_fit(log_of_a_free_input(every=10, kind="speed"))
+    around = _around_changes(fit.records[0])
+
+    assert around is not None
+    assert _differs_at_changes(around)
+    assert doubts(fit) == []
 
 
 def test_a_speed_shows_it_as_well_as_a_position() -> None:

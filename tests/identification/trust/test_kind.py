@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from servobench.core.finding import Verdict
 from servobench.identification.identify import identify
 from servobench.identification.result import Result
+from servobench.identification.trust.doubts import kind
 from servobench.identification.trust.doubts.kind import _goes_on_at_every_level, _is_proportional
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
@@ -198,3 +199,13 @@ def test_a_position_that_a_limited_proportional_controller_brings_to_its_goal_is
     assert _is_proportional(replace(loop, u=loop.u + np.where(np.abs(loop.u) == 8.0, noise, 0.0)))
     assert not _is_proportional(replace(loop, u=np.where(t % 0.2 < 0.1, 8.0, 0.0)))
     assert not _is_proportional(dataset(seed=1, kind="prbs"))
+
+
+def test_where_the_input_is_a_line_in_the_output_no_other_kind_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mistaken = as_speed(dataset(seed=1))
+    assert told(identify(mistaken))
+    monkeypatch.setattr(kind, "_is_proportional", lambda _: True)
+
+    assert told(identify(mistaken)) == []

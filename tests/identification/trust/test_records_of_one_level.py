@@ -51,3 +51,14 @@ def test_where_each_has_one_level_the_one_that_stands_out_is_named_in_any_order(
     assert "recorded as 6 V" in cause.sentence
     assert len(motions) == len(records)
     assert EXPLANATIONS["records"](Case(tuple(motions))) is None
+
+
+@pytest.mark.parametrize(("level", "may_bend"), [(2.0, True), (6.0, False), (8.0, True)])
+def test_a_level_at_an_end_of_the_range_may_lie_on_a_bend(level: float, may_bend: bool) -> None:
+    steps = [of_one_level(each, 0.7 * each if each == level else each) for each in (2.0, 4.0, 6.0, 8.0, 5.0)]
+    motions = tuple(filter(None, map(motion, steps)))
+    cause = EXPLANATIONS["level"](Case(motions))
+
+    assert cause is not None
+    assert f"recorded as {level:g} V" in cause.finding.sentence
+    assert ("bends there" in cause.finding.sentence) is may_bend

@@ -21,7 +21,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
-from servobench.core.rounding import change_text, plain
+from servobench.core.rounding import change_text, percent, plain
 from servobench.identification.choice.computed_data import about_computed, fit_to_computed
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
@@ -364,9 +364,10 @@ def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) 
 
 
 def _sets_off_unexplained(by_itself: Fit, with_rest: Fit) -> Finding:
-    more, less = (f"{np.floor(100 * fit.fit_percent) / 100:.2f} %" for fit in (by_itself, with_rest))
+    """A finding that a motion of which the input is no cause fits better than the model with friction that is taken."""
+    more, less = (f"{percent(fit.fit_percent)} %" for fit in (by_itself, with_rest))
     sentence = (
-        "The way in which the shaft sets off isn't that of this model: a motion that the input has next to no part in follows "
+        "The way in which the shaft sets off isn't that of this model: a motion that the input has next to no part in explains "
         f"{more} of the output, this model {less}. Its time constant and delay may be far off. If the shaft was at rest before "
         "the record, say `starts_at_rest=True`; otherwise leave out the rows in which it sets off."
     )

@@ -133,40 +133,45 @@ def about_validation(
     worst = max(validation.records, key=lambda record: record.beyond)
     stands_out = worst.beyond > _BEYOND and 100 - worst.fit_percent > _WORST and len(validation.records) > 1
     if validation.fit_percent < 50:
-        least = min(validation.records, key=lambda record: record.fit_percent)
-        name = (
-            f" Worst is {least.name} ({share_explained(least.fit_percent)})."
-            if len(validation.records) > 1
-            else ""
-        )
-        explained = share_explained(validation.fit_percent)
-        sentence = f"On data it wasn't fitted to, the model explains {explained} of the output.{name}"
-        return [warning("validation-poor", sentence)]
+        return [_poor(validation)]
     say = warning if validation.fit_percent < _PREDICTS or others else info
     if stands_out:
-        elsewhere = ", or in another of the records" if len(fit.records) > 1 else ""
-        sentence = (
-            f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it misses {100 - worst.fit_percent:.1f} % "
-            f"of the output there, {worst.beyond:.0f} times what the rest predicts. The motor, the supply or the amplifier was "
-            f"different there{elsewhere}, or it moves there as nowhere else; identify with and without it, and compare."
-        )
-        return [say("validation-worse", sentence)]
+        return [say("validation-worse", _text_of_odd(worst, len(fit.records)))]
     missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
+    if others:
+        worse = [(each.name, each.fit_percent) for each in validation.records if _is_foreign(each)]
     # A part in which the speed hardly varies is explained to few percent by a model that is as near to it as elsewhere.
-    worse = unseen > max(2.0, 5 * missing) and worst.beyond > _AS_NEAR
-    foreign = [each for each in validation.records if _is_foreign(each)] if others else []
-    if foreign or (worse and not others):
-        percent, what = (
-            (foreign[0].fit_percent, foreign[0].name) if foreign else (validation.fit_percent, "the rest")
+    elif unseen > max(2.0, 5 * missing) and worst.beyond > _AS_NEAR:
+        worse = [("the rest", validation.fit_percent)]
+    else:
+        worse = []
+    return [
+        say(
+            "validation-worse",
+            f"The model explains {fit.fit_percent:.1f} % of the data it was fitted to, but only {percent:.1f} % of {what}: "
+            "another motor, another operating point, or overfitting.",
         )
-        return [
-            say(
-                "validation-worse",
-                f"The model explains {fit.fit_percent:.1f} % of the data it was fitted to, but "
-                f"only {percent:.1f} % of {what}: another motor, another operating point, or overfitting.",
-            )
-        ]
-    return []
+        for what, percent in worse[:1]
+    ]
+
+
+def _poor(validation: Validation) -> Finding:
+    least = min(validation.records, key=lambda record: record.fit_percent)
+    several = len(validation.records) > 1
+    name = f" Worst is {least.name} ({share_explained(least.fit_percent)})." if several else ""
+    explained = share_explained(validation.fit_percent)
+    sentence = f"On data it wasn't fitted to, the model explains {explained} of the output.{name}"
+    return warning("validation-poor", sentence)
+
+
+def _text_of_odd(odd: RecordFit, records: int) -> str:
+    """The sentence on a part that the rest of so many records doesn't predict."""
+    elsewhere = ", or in another of the records" if records > 1 else ""
+    return (
+        f"Fitted to the rest of the data, the model doesn't predict {odd.name}: it misses {100 - odd.fit_percent:.1f} % of the "
+        f"output there, {odd.beyond:.0f} times what the rest predicts. The motor, the supply or the amplifier was different "
+        f"there{elsewhere}, or it moves there as nowhere else; identify with and without it, and compare."
+    )
 
 
 def _is_foreign(record: RecordFit) -> bool:

@@ -34,19 +34,20 @@ _MOST = 0.5  # of what is missed
 def _about_fit(fit: Fit) -> list[Finding]:
     """Whether what a motor that no loop drives does beyond its model shows changes of the input between the rows."""
     open_loop = [each for each in fit.records if not (each.data.closed_loop or answers_to_output(each.data))]
-    around = [(record, _around_changes(record)) for record in open_loop]
+    looked_at = [(record, around) for record in open_loop if (around := _around_changes(record)) is not None]
     sense = np.sign(fit.model["gain"]) if "gain" in fit.model.names else 0.0
-    for record, rows in around:
-        if rows is not None and _is_ahead(rows, sense):
-            return [
-                _finding(
-                    "The output answers to some changes of the input before the row that shows them", record
-                )
-            ]
-    for record, rows in around:
-        if rows is not None and _is_coarse(fit, record) and _differs_at_changes(record, rows):
-            return [_finding("The output answers to no two changes of the input after the same time", record)]
-    return []
+    ahead = [record for record, around in looked_at if _is_ahead(around, sense)]
+    if ahead:
+        return [
+            _finding(
+                "The output answers to some changes of the input before the row that shows them", ahead[0]
+            )
+        ]
+    late = [record for record, around in looked_at if _is_coarse(fit, record) and _differs_at_changes(around)]
+    return [
+        _finding("The output answers to no two changes of the input after the same time", record)
+        for record in late[:1]
+    ]
 
 
 def _finding(symptom: str, record: FittedRecord) -> Finding:
@@ -120,7 +121,7 @@ def _is_coarse(fit: Fit, record: FittedRecord) -> bool:
     return "time_constant" in fit.model.names and record.data.sample_time > _COARSE * lags
 
 
-def _differs_at_changes(record: FittedRecord, around: _Around) -> bool:
+def _differs_at_changes(around: _Around) -> bool:
     """Whether most of the residual lies around changes of the input, and isn't the same part of each."""
     from scipy.stats import f, norm
 

@@ -27,8 +27,7 @@ def steady_windows(motions: Sequence[Motion], time_constant: float) -> Array:
     """
     if not 0.0 < time_constant < np.inf:
         return np.zeros((0, 3))
-    windows = [_of(each, time_constant) for each in motions]
-    return np.concatenate(windows) if windows else np.zeros((0, 3))
+    return np.concatenate([_of(each, time_constant) for each in motions])
 
 
 def _of(motion: Motion, time_constant: float) -> Array:
