@@ -34,7 +34,9 @@ SAMPLE_TIME = 0.002
 
 
 class Lost(Exception):
-    """The server has closed a page's socket: who doesn't answer it for 0.9 s is gone, as on a computer that stands still."""
+    """The server has closed a page's socket or stopped its motor: who shows neither for 0.9 s is gone, as on a computer that
+    stands still.
+    """
 
 
 class Page:
@@ -87,6 +89,11 @@ class Page:
     @property
     def state(self) -> dict[str, Any]:
         return next((each for each in reversed(self.heard) if each["kind"] == "state"), {})
+
+    @property
+    def stops(self) -> int:
+        """How often the panel has said that it stopped the motor."""
+        return sum(each["kind"] == "stopped" for each in self.heard)
 
     async def say(self, **said: object) -> dict[str, Any]:
         number = len(self.heard) + 1000
@@ -169,12 +176,19 @@ def played(story: Callable[[list[Any]], Awaitable[None]]) -> None:
 
 
 async def turning(page: Page) -> None:
-    """Drive the motor, until rows show that it's driven."""
+    """Drive the motor once rows come, as a person does, until they show that it's driven.
+
+    Where the computer stood still, the panel has stopped a motor that the page showed too late.
+    """
+    await page.listen_until(lambda: bool(page.rows))
+    before = page.stops
     assert (await page.say(do="lease"))["ok"]
     signal_ = {"type": "constant", "value": 2.0}
     assert (await page.say(do="set", signal=signal_))["ok"]
     assert (await page.say(do="start"))["ok"]
-    await page.listen_until(lambda: page.last("applied") == 2.0)
+    await page.listen_until(lambda: page.last("applied") == 2.0 or page.stops > before)
+    if page.stops > before:
+        raise Lost(f"stopped: {page.heard[-1]}")
 
 
 def ticks_to_rest(page: Page, command: int) -> int:
