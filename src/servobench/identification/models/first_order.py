@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,10 +77,6 @@ class FirstOrder:
 
         linear = (kernels.GAIN, kernels.OFFSET, kernels.COULOMB)
         return np.array(sorted(c for c in self.columns.tolist() if c in linear))
-
-    def with_parameters(self, parameters: tuple[Parameter, ...]) -> Self:
-        """Return the motor with other parameters."""
-        return replace(self, parameters=parameters)
 
     def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
         """Return the nuisance parameters of a record: where and how fast it starts, and the unknown states of its filters."""

@@ -371,14 +371,7 @@ def select_columns(total: Array, columns: NDArray[np.int64]) -> Array:
 
 
 @compiled
-def copy_scaled(values: Array, factor: float, out: Array) -> None:
-    """Fill out (M,) with a factor times values (M,); an assignment of arrays takes Numba a second more to compile."""
-    for m in range(len(values)):
-        out[m] = factor * values[m]
-
-
-@compiled
-def separable_moments(
+def separable_columns(
     t_in: Array,
     u: Array,
     u_before: float,
@@ -386,21 +379,19 @@ def separable_moments(
     sense: Array,
     points: Array,
     t_out: Array,
-    y: Array,
     speed_out: float,
     columns: NDArray[np.int64],
 ) -> Array:
-    """Return [A y]'[A y] (T, S + 1, S + 1) at each of the points (T, 2) of τ and d, the delay of the device included.
+    """Return what the output is linear in, (T, S, M), at each of the points (T, 2) of τ and d, the delay of the device included.
 
-    The columns of A are what y is linear in: of `columns` (S,) the responses to the input (GAIN), to its offset (OFFSET) and to
-    friction (COULOMB), each for K = 1, and those to the start state. The direction of motion, `sense` (E,) from `t_sense` on,
-    is taken from the data. t_out (M,) are the samples to use, y (M,) their values; the first is where the record begins.
+    Of `columns` (S,) those are the responses at t_out (M,) to the input (GAIN), to its offset (OFFSET) and to friction (COULOMB),
+    each for K = 1, and those to the start state. The direction of motion, `sense` (E,) from `t_sense` on, is taken from the data.
+    The first of t_out is where the record begins.
     """
-    block = np.empty((len(columns) + 1, len(t_out)))
-    copy_scaled(y, 1.0, block[len(columns)])
-    out = np.empty((len(points), len(block), len(block)))
+    out = np.empty((len(points), len(columns), len(t_out)))
     decay, free = np.empty(len(t_out)), np.empty(len(t_out))
     driven, braked = np.empty((2, len(t_out))), np.empty((2, len(t_out)))
+    row = RATE if speed_out != 0.0 else ANGLE
     for n in range(len(points)):
         tau, delay = points[n]
         if n == 0 or tau != points[n - 1, 0]:
@@ -416,40 +407,20 @@ def separable_moments(
                 respond(t_sense, sense, 0, sense[0], 0.0, t_out, tau, decay, braked)
         k, v = first_input(t_in, u, u_before, delay, t_out[0])
         respond(t_in, u, k, v, delay, t_out, tau, decay, driven)
-        row = RATE if speed_out != 0.0 else ANGLE
         for c in range(len(columns)):
-            if columns[c] == GAIN:
-                copy_scaled(driven[row], 1.0, block[c])
-            elif columns[c] == COULOMB:
-                copy_scaled(braked[row], -1.0, block[c])
-            elif columns[c] == POSITION:
-                block[c] = 1.0
-            else:
-                offset = 1.0 if columns[c] == OFFSET else 0.0
-                for m in range(len(t_out)):
-                    if speed_out != 0.0:
-                        block[c, m] = free[m] - offset
-                    else:
-                        block[c, m] = tau * (1.0 - free[m]) - offset * (t_out[m] - t_out[0])
-        for i in range(len(block)):
-            for c in range(i + 1):
-                out[n, i, c] = out[n, c, i] = inner(block[i], block[c])
+            offset = 1.0 if columns[c] == OFFSET else 0.0
+            for m in range(len(t_out)):
+                if columns[c] == GAIN:
+                    out[n, c, m] = driven[row, m]
+                elif columns[c] == COULOMB:
+                    out[n, c, m] = -braked[row, m]
+                elif columns[c] == POSITION:
+                    out[n, c, m] = 1.0
+                elif speed_out != 0.0:
+                    out[n, c, m] = free[m] - offset
+                else:
+                    out[n, c, m] = tau * (1.0 - free[m]) - offset * (t_out[m] - t_out[0])
     return out
-
-
-@compiled
-def inner(a: Array, b: Array) -> float:
-    """Return a'b of two vectors (M,), in four sums, which a processor adds to at once."""
-    s0 = s1 = s2 = s3 = 0.0
-    whole = len(a) - len(a) % 4
-    for m in range(0, whole, 4):
-        s0 += a[m] * b[m]
-        s1 += a[m + 1] * b[m + 1]
-        s2 += a[m + 2] * b[m + 2]
-        s3 += a[m + 3] * b[m + 3]
-    for m in range(whole, len(a)):
-        s0 += a[m] * b[m]
-    return (s0 + s1) + (s2 + s3)
 
 
 @compiled

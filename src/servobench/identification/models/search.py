@@ -9,27 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
-from servobench.identification.models.base import Parameter, Prediction, Structure
-from servobench.identification.models.common_parameters import (
-    COULOMB,
-    DELAY,
-    GAIN,
-    OFFSET,
-    ONE_WAY,
-    TIME_CONSTANT,
-)
+from servobench.identification.models.base import Structure
+from servobench.identification.models.common_parameters import COULOMB, OFFSET, ONE_WAY
 from servobench.identification.models.motion import check_moves, directions
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 
 _ROWS = 240  # a guess needs no more samples of a record than this
+_AT_ONCE = 2**17  # numbers that go through a chain at once: what a processor's cache holds
 _TAUS = 24
 _DELAYS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0])  # in sample times
 _EARLY = np.array([-1.5, -0.5])  # samples: a row or two that are written late
@@ -87,22 +81,6 @@ class Separable(Structure, Protocol):
         """The indices of those parameters in which the output is linear for a known direction of motion: (S,), ascending."""
         ...
 
-    def with_parameters(self, parameters: tuple[Parameter, ...]) -> Self:
-        """Return the same structure with other parameters."""
-        ...
-
-
-class _Record(Protocol):
-    """A record as a linear least-squares problem, A x = y, for any τ and d."""
-
-    def moments(self, points: Array) -> Array:
-        """Return [A y]'[A y] (T, S + O + 1, S + O + 1) for points (T, 2) of τ and d; S columns are shared, O the record's own."""
-        ...
-
-    def own(self, linear: Array) -> Array:
-        """Return the record's nuisance parameters for its coefficients (O or more,)."""
-        ...
-
 
 def separable_guesses(structure: Separable, data: Sequence[Dataset]) -> list[tuple[float, Array]]:
     """Return costs and vectors of parameters and nuisance parameters of each record, the best first, from a search over τ and d.
@@ -128,7 +106,7 @@ def guess_with_delay(structure: Separable, data: Sequence[Dataset], lowest: floa
     """
     if lowest <= _NEARLY_ALL * sum(_variation(record.y) for record in data):
         return []
-    records = [_record(structure, record) for record in data]
+    records = [_Record.of(structure, record) for record in data]
     step, points = max(record.sample_time for record in data), _on_a_grid(data)
     trials = _trials(structure, records, _with_delays(points, step))
     best = trials.one(int(np.argmin(trials.costs)))
@@ -140,7 +118,7 @@ def _search(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Record
     """The records, and the best trial of each valley along τ, the lowest first."""
     for record in data:
         check_moves(record, len(structure.parameters))
-    records = [_record(structure, record) for record in data]
+    records = [_Record.of(structure, record) for record in data]
     step, points = max(record.sample_time for record in data), _on_a_grid(data)
     ratio = points[1, 0] / points[0, 0]
     trials = _trials(structure, records, points)
@@ -188,7 +166,7 @@ def guess_behind_dead_zone(
     best, lowest = 0.0, np.inf
     for widths in (_WIDTHS, _BESIDE):
         for width in best + largest * widths:
-            records = [_record(structure, _behind_dead_zone(record, width)) for record in data]
+            records = [_Record.of(structure, _behind_dead_zone(record, width)) for record in data]
             cost = float(np.min(_trials(structure, records, _on_a_grid(data)).costs))
             if cost < _LOWER * lowest:
                 best, lowest = float(width), cost
@@ -262,7 +240,7 @@ def start_guess(structure: Separable, theta: Array, data: Dataset) -> Array:
     from servobench.identification.models import kernels
 
     check_moves(data, len(structure.parameters))
-    record, p = _record(structure, data), np.zeros(kernels.COLUMNS)
+    record, p = _Record.of(structure, data), np.zeros(kernels.COLUMNS)
     p[structure.columns] = theta
     lost = np.array([1.0, p[kernels.OFFSET], np.copysign(p[kernels.COULOMB], p[kernels.GAIN])])
     among = [kernels.GAIN, kernels.OFFSET, kernels.COULOMB]
@@ -282,118 +260,86 @@ def _rows(keep: NDArray[np.int64]) -> NDArray[np.int64]:
     return keep[((k + within) * (len(keep) / _ROWS)).astype(np.int64)]
 
 
-def _record(structure: Separable, data: Dataset) -> _Record:
-    from servobench.identification.models.records import is_plain
-
-    sense = directions(data) if structure.friction else np.empty(0)
-    return _Plain.of(structure, data, sense) if is_plain(data) else _ChainedRecord(structure, data, sense)
-
-
 @dataclass(frozen=True, eq=False)
-class _Plain:
-    """A record of the shaft itself: the changes of the input and of the direction of motion, and the samples that are used.
+class _Record:
+    """A record as a linear least-squares problem, A x = y, for any τ and d.
 
-    The angles are counted from that at the first sample, which keeps the moments small.
+    `columns` (S + O,) of the kernel's vector are what the output is linear in: those that are shared, then the start state.
+    `input_changes` and `sense_changes` are those of the input and of the direction of motion, with their times. Of a record
+    behind a chain all samples go through it; `rows` (R,) are those of `t` (M,) that are used, `y` (R,) their values.
+    The angles are counted from `zero`, that at the first sample, which keeps the moments small.
     """
 
-    shared: NDArray[np.int64]
-    nuisance: NDArray[np.int64]
     data: Dataset
+    columns: NDArray[np.int64]
+    nuisance: int
     input_changes: tuple[Array, Array]
     sense_changes: tuple[Array, Array]
     t: Array
+    rows: NDArray[np.int64]
     y: Array
     zero: float
 
     @classmethod
-    def of(cls, structure: Separable, data: Dataset, sense: Array) -> _Plain:
-        rows = _rows(np.arange(len(data.y)))
+    def of(cls, structure: Separable, data: Dataset) -> _Record:
+        """The record as a structure needs it."""
+        from servobench.identification.models.records import is_plain
+
+        plain = is_plain(data)
+        used = _rows(np.arange(len(data.y)) if plain else np.flatnonzero(data.valid))
         changes = data.u != np.append(data.input_before, data.u[:-1])
+        sense = directions(data) if structure.friction else np.empty(0)
         turns = np.ones(len(sense), dtype=bool)
         turns[1:] = sense[1:] != sense[:-1]
-        zero = float(data.y[0]) if data.kind == "position" else 0.0
+        zero = float(data.y[0]) if plain and data.kind == "position" else 0.0
+        start = structure.columns_with_start[data.kind][len(structure.parameters) :]
         return cls(
-            shared=structure.linear_columns,
-            nuisance=structure.columns_with_start[data.kind][len(structure.parameters) :],
             data=data,
+            columns=np.append(structure.linear_columns, start),
+            nuisance=len(structure.nuisance(data)),
             input_changes=(data.t_input[changes], data.u[changes]),
             sense_changes=(data.t_output[: len(turns)][turns], sense[turns]),
-            t=data.t_output[rows],
-            y=data.y[rows] - zero,
+            t=data.t_output[used] if plain else data.t_output,
+            rows=np.arange(len(used)) if plain else used,
+            y=data.y[used] - zero,
             zero=zero,
         )
 
     def moments(self, points: Array) -> Array:
-        """Those of the samples that are used."""
-        from servobench.identification.models import kernels
+        """Return [A y]'[A y] (T, S + O + 1, S + O + 1) for points (T, 2) of τ and d; S columns are shared, O the record's own."""
+        at_once = max(_AT_ONCE // (len(self.columns) * len(self.t)), 1)
+        parts = [self._moments(points[n : n + at_once]) for n in range(0, len(points), at_once)]
+        return np.concatenate(parts)
 
-        data = self.data
-        return kernels.separable_moments(
+    def own(self, linear: Array) -> Array:
+        """Return the record's nuisance parameters for its coefficients (O or more,): start state, and those of the filters."""
+        own = linear[: self.nuisance].copy()
+        own[0] += self.zero
+        return own
+
+    def _moments(self, points: Array) -> Array:
+        """Those of a few points."""
+        from servobench.identification.models import kernels
+        from servobench.identification.models.records import is_plain
+
+        data, plain = self.data, is_plain(self.data)
+        columns = kernels.separable_columns(
             *self.input_changes,
             data.input_before,
             *self.sense_changes,
             points + np.array([0.0, data.delay]),
             self.t,
-            self.y,
-            float(data.kind == "speed"),
-            np.append(self.shared, self.nuisance),
+            float((data.kind if plain else data.shaft_kind) == "speed"),
+            self.columns,
         )
-
-    def own(self, linear: Array) -> Array:
-        """The start state."""
-        own = linear[: len(self.nuisance)].copy()
-        own[0] += self.zero
-        return own
-
-
-@dataclass(frozen=True, eq=False)
-class _ChainedRecord:
-    """A record behind a measurement chain, through which each column goes."""
-
-    structure: Separable
-    data: Dataset
-    sense: Array
-
-    def moments(self, points: Array) -> Array:
-        """Those of the samples that are used."""
-        braked = {float(tau): self._friction_column(float(tau)) for tau in np.unique(points[:, 0])}
-        blocks = [self._columns(float(tau), float(delay), braked[float(tau)]) for tau, delay in points]
-        return np.array([block.T @ block for block in blocks])
-
-    def own(self, linear: Array) -> Array:
-        """The start state, and those of the filters."""
-        return linear[: len(self.structure.nuisance(self.data))]
-
-    def _columns(self, tau: float, delay: float, braked: Sequence[Array]) -> Array:
-        """A and y side by side."""
-        plain = self._prediction(tau, delay, self.data)
-        shared = [plain.jacobian[:, 0]]
-        if len(self.structure.linear_columns) > 1 + self.structure.friction:
-            shared.append(plain.jacobian[:, 2])
-        rows = _rows(np.flatnonzero(plain.valid))
-        return np.column_stack([*shared, *braked, plain.jacobian[:, 4:], self.data.y])[rows]
-
-    def _friction_column(self, tau: float) -> list[Array]:
-        """The column of friction where there is one, which the delay of the input has no part in."""
-        if not self.structure.friction:
-            return []
-        sense = -self.sense
-        sensed = replace(
-            self.data,
-            t_input=self.data.t_output,
-            u=sense,
-            input_before=float(sense[0]),
-            delay=0.0,
-            reference=None,
-        )
-        return [self._prediction(tau, 0.0, sensed).jacobian[:, 0]]
-
-    def _prediction(self, tau: float, delay: float, data: Dataset) -> Prediction:
-        """What a motor with a gain of one makes of an input, through the chain."""
-        unit = self.structure.with_parameters((GAIN, TIME_CONSTANT, OFFSET, DELAY))
-        theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
-        theta[:4] = (1.0, tau, 0.0, delay)
-        return unit.predict(theta, data)
+        own = np.empty((0, len(self.rows)))
+        if not plain:
+            with np.errstate(over="ignore", invalid="ignore"):  # as in `records.through_chain`
+                passed = data.chain.linear(columns.reshape(-1, len(self.t)).T, data.t_output)[self.rows]
+            columns, own = passed.T.reshape(*columns.shape[:2], -1), data.start_responses[self.rows].T
+        both = np.vstack([own, self.y])
+        block = np.concatenate([columns, np.broadcast_to(both, (len(points), *both.shape))], axis=1)
+        return np.asarray(block @ block.transpose(0, 2, 1))
 
 
 def _trials(structure: Separable, records: Sequence[_Record], points: Array) -> _Trials:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -139,7 +140,7 @@ class Chain:
             stages += _stages(name, tuple(words))
         return cls(tuple(stages))
 
-    @property
+    @cached_property
     def linear(self) -> Chain:
         """The chain of its linear stages: the part that a prediction goes through."""
         return Chain(tuple(stage for stage in self.stages if stage.linear))

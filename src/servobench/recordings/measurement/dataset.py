@@ -135,7 +135,7 @@ class Dataset:
         """A hash of the samples of input and output, the same for the same run under another name."""
         return hashlib.sha256(self.u.tobytes() + self.y.tobytes()).digest()
 
-    @property
+    @cached_property
     def chain(self) -> Chain:
         """The whole measurement chain, the declared stages first: a prediction goes through its linear part."""
         return self.declared + self.applied
@@ -145,7 +145,7 @@ class Dataset:
         """Whether a controller made the input, so that it knows of all that disturbed the output before."""
         return self.reference is not None and not np.array_equal(self.reference, self.u)
 
-    @property
+    @cached_property
     def shaft_kind(self) -> Kind:
         """The shaft's quantity that enters the chain: its position where the chain differentiates, otherwise the `kind` of y."""
         return self.chain.linear.takes or self.kind
