@@ -148,6 +148,8 @@ def _earlier_still(fit: Fit) -> float:
     ):
         return 0.0  # in a loop the input follows the output, too
     step, longest = max(r.sample_time for r in records), _PART * min(r.duration for r in records)
+    if any(_sets_off_in_time(r.data, r.prediction, _ROWS[0] * step) for r in fit.records):
+        return 0.0  # nothing that is tried below would be believed
     as_it_is = lowest(structure, records, structure.guesses(records))
     trials = [(as_it_is, records, 0.0)]
     for shift in (step * _ROWS[step * _ROWS < longest]).tolist():
