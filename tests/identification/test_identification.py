@@ -272,6 +272,19 @@ def test_two_levels_of_the_input_are_reported() -> None:
     assert "two-levels" in codes(identify(dataset(seed=1)))
 
 
+def test_a_rest_without_input_is_no_third_level() -> None:
+    """What the driver drops is the same at both: of a motor that rests at first it shows no more."""
+    data = dataset(seed=1, kind="prbs")
+    rest = np.arange(5000) < 500
+
+    result = identify(dataset(seed=1, u=np.where(rest, 0.0, data.u)))
+
+    (sentence,) = [each.sentence for each in result.findings if each.code == "two-levels"]
+    assert "the driver drops a part of the input" in sentence
+    coasts = identify(dataset(seed=1, u=np.where(rest, 0.0, data.u)[::-1].copy()))
+    assert "two-levels" not in codes(coasts)
+
+
 def test_a_model_that_fails_on_another_motor_is_doubted() -> None:
     """Another motor, 20 % slower to turn: its position runs away from the model's."""
     other = dataset(seed=2, kind="prbs", truth=Truth(inertia=3e-5))

@@ -114,3 +114,17 @@ def test_what_one_level_tells_is_as_sure_wherever_in_the_valley_a_search_ends(se
         spreads.append(float(np.sqrt(slope @ line.covariance @ slope)))
 
     assert spreads == pytest.approx([spreads[0]] * 3, rel=1e-3)
+
+
+def test_a_gain_that_one_level_doesn_t_tell_is_not_printed_as_if_it_did() -> None:
+    """The other weighing leaves it where it was in its valley with the friction."""
+    data = dataset(seed=1, samples=1500, u=np.where(np.arange(1500) < 100, 0.0, 3.0))
+    slow = np.cumsum(np.random.default_rng(1).standard_normal(1500))
+
+    fit = ESTIMATORS["output_error"].fit(
+        STRUCTURES["first_order_one_way_rest"], [replace(data, y=data.y + 0.002 * slow)]
+    )
+
+    (sentence,) = [each.sentence for each in allow_for_misfit(fit).findings if each.code == "weighed-twice"]
+    assert "time constant of" in sentence
+    assert "gain" not in sentence

@@ -425,6 +425,7 @@ _TABLE = (
         "Use a shorter sample time or a slower signal."),
     FindingCode("single-level", "The motor moved under one level only.", "Record several levels."),
     FindingCode("size-absurd", "A value has a size that no servo motor has.", "Check the units."),
+    FindingCode("slows-down-only", "The speed changes only where the duty falls.", "Record a step up as well."),
     FindingCode("speed-above-limit", "The guard stopped the motor because of its speed.",
         "Use a smaller voltage, or raise `limits.speed`."),
     FindingCode("speed-by-direction", "The motor settles at two speeds under one level, by where the input came from.",

@@ -70,9 +70,9 @@ def _said_to_rest(first: int) -> Dataset:
     return replace(whole, **at_times, kind="speed", output_unit="rad/s", quantum=None, starts_at_rest=True)
 
 
-def _duty_after(start: float) -> Dataset:
-    """40 % for a second and nothing after that, recorded from a time after the start [s] on."""
-    whole = replace(driven(np.where(TIME[:1000] < 1.0, 40.0, 0.0)), input_unit="%")
+def _duty_after(start: float, last: float = 0.0) -> Dataset:
+    """40 % for a second and nothing, or a `last` duty, after that, recorded from a time after the start [s] on."""
+    whole = replace(driven(np.where(TIME[:1000] < 1.0, 40.0, last)), input_unit="%")
     return replace(whole.part(start, 2.0), input_before=40.0 if start else 0.0)
 
 
@@ -288,6 +288,7 @@ EXAMPLES = (
     _example("moves-before-input", lambda: _stepped(25), lambda: _stepped(0)),
     _example("not-at-rest", lambda: _said_to_rest(50), lambda: _said_to_rest(0)),
     _example("output-clipped", _clipped, _square),
+    _example("slows-down-only", lambda: _duty_after(0.4, 20.0), lambda: _duty_after(0.4, 60.0)),
     _example("input-cut-off", lambda: cut_off(2.0), lambda: cut_off(3.0)),
     _example("output-jumps", lambda: _slipped(2 * np.pi), lambda: _slipped(0.0)),
     _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),

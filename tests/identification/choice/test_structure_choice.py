@@ -14,7 +14,7 @@ from servobench import PRBS, Experiment, measure, run
 from servobench.core.errors import UsageError
 from servobench.core.finding import Verdict
 from servobench.identification import identify as identify_module
-from servobench.identification.choice.noise_choice import allow_for_disturbance
+from servobench.identification.choice.noise_choice import allow_for_disturbance, as_it_is
 from servobench.identification.choice.structure_choice import _candidate_terms, _drives, choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.budget import Contribution
@@ -26,7 +26,7 @@ from servobench.identification.uncertainty.identifiability import State
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.rig.devices.twin import Twin, TwinSettings
 from tests.contracts.finding_examples.base import with_values
-from tests.datasets import dataset
+from tests.datasets import dataset, prbs
 from tests.identification.uncertainty.test_static_friction import GAIN as RAMPED
 from tests.identification.uncertainty.test_static_friction import SLIDING, ramps
 from tests.identification.uncertainty.test_systematic_torque import FRICTION, GAIN, TAU
@@ -601,3 +601,20 @@ def test_a_ramp_and_a_step_of_a_shaft_that_breaks_away_tell_the_gain_and_that_th
     gain = result.answers["gain"]
     assert gain.state is State.KNOWN
     assert gain.estimate.interval[0] < 2.74 < gain.estimate.interval[1]
+
+
+def test_a_second_lag_that_nobody_asked_for_is_taken_back_where_it_can_t_be_told_from_a_delay() -> None:
+    """It was climbed to by what was known before all that widens its interval was in it."""
+    u = np.where(prbs(2000, 10, np.random.default_rng(1)) > 0, 9.5, 2.0)
+    data = dataset(seed=1, samples=2000, sample_time=0.01, u=u, truth=Truth(inductance=8.4e-3))
+    choice = choose_structure(ESTIMATORS["output_error"], [data], "auto", "auto", as_it_is)
+    at = choice.fit.model.names.index("electrical_time_constant")
+    added = np.zeros_like(choice.fit.covariance)
+    added[at, at] = (0.2 * choice.fit.model.theta[at]) ** 2
+
+    wider = choice.fit.widen(Contribution(source="model error", covariance=added, reason="for the test"))
+
+    assert not choice.loses(choice.fit)
+    assert choice.loses(wider)
+    assert choice.below is not None
+    assert "electrical_time_constant" not in choice.below.fit.model.names

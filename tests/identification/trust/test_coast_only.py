@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from servobench.core.finding import Severity
 from servobench.identification.trust.doubts.base import DOUBTS
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
@@ -25,6 +26,20 @@ def test_next_to_no_duty_is_a_coast_as_none_is(last: float) -> None:
     assert [each.code for each in DOUBTS["coast_only"].about_data([after_full_duty(last)])] == ["coast-only"]
 
 
-@pytest.mark.parametrize(("last", "unit"), [(20.0, "%"), (-100.0, "%"), (0.0, "V")])
-def test_another_duty_or_a_voltage_is_none(last: float, unit: str) -> None:
+def test_another_duty_is_no_coast_and_shows_how_the_motor_slows_down() -> None:
+    """Where a bridge lets go of the motor between its pulses, that takes up to three times as long as to speed up."""
+    (about,) = DOUBTS["coast_only"].about_data([after_full_duty(20.0)])
+
+    assert about.code == "slows-down-only"
+    assert about.severity is Severity.INFO
+
+
+@pytest.mark.parametrize(("last", "unit"), [(-100.0, "%"), (0.0, "V"), (20.0, "V"), (120.0, "%")])
+def test_a_reversal_a_voltage_or_more_of_it_is_none(last: float, unit: str) -> None:
     assert not DOUBTS["coast_only"].about_data([after_full_duty(last, unit)])
+
+
+def test_a_record_that_shows_both_says_nothing() -> None:
+    both = [after_full_duty(20.0), after_full_duty(120.0)]
+
+    assert not DOUBTS["coast_only"].about_data(both)

@@ -109,6 +109,7 @@ def test_a_speed_that_passes_the_inputs_value_on_its_way_has_not_settled_there(
     )
 
     assert ("input-settles-at-output" in codes(driven)) == told
+    assert "input-settles-at-output" not in codes(replace(driven, input_unit="%"))  # a duty is no speed
 
 
 def test_rows_before_a_controller_begins_have_no_part_in_its_law(stepped: Dataset) -> None:

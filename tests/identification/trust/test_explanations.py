@@ -413,3 +413,13 @@ def test_an_input_without_any_part_in_the_motion_is_shifted_by_nothing(
     monkeypatch.setattr(clocks, "_shift_inputs", lambda *_: (0.5, without))
 
     assert clocks._constant_shift(case) is None
+
+
+@pytest.mark.parametrize(("really", "named"), [(3.04, False), (3.3, True)])
+def test_a_level_that_is_off_by_what_motors_differ_by_has_no_wrong_label(really: float, named: bool) -> None:
+    levels = np.repeat([-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0], 4)
+    u = np.repeat(np.random.default_rng(1).permutation(levels), 100)
+
+    causes = explain([told(u, np.where(u == 3.0, really, u))])
+
+    assert ("level-disagrees" in {cause.code for cause in causes}) == named

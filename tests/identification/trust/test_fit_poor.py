@@ -49,6 +49,17 @@ def test_errors_that_a_few_neighbours_share_are_the_sensor_s_as_well() -> None:
     assert poor(step(shared, 1.0)).severity is Severity.INFO
 
 
+def test_a_step_within_the_ripple_of_a_motor_that_turns_all_the_while_is_called_too_small() -> None:
+    """Ripple that neighbours share, as of a commutator: the columns are the right ones."""
+    u = 8.0 + 0.25 * STEP
+    clean = dataset(seed=1, samples=600, sample_time=0.005, u=u, chain="derivative")
+    ripple = 8.0 * np.sin(0.3 * np.arange(600))
+
+    (sentence,) = [poor(replace(clean, y=clean.y + ripple).part(0.4, 3.0)).sentence]
+
+    assert "Let the input change by more" in sentence
+
+
 def test_noise_alone_is_no_motor() -> None:
     """An output that has nothing to do with the input is noise as well."""
     random = np.random.default_rng(3).standard_normal(600)

@@ -116,8 +116,13 @@ def test_a_position_shows_a_bend_as_its_speed_does() -> None:
 
 def test_a_speed_against_the_others_is_none_that_settled() -> None:
     """Five rows under each input, and a motor that hasn't turned round by then."""
-    assert not _in_one_sense({-2.0: 1.9, -0.4: 0.8, 2.0: 20.0, 4.0: 41.0}, -1.0)
-    assert _in_one_sense({-2.0: -19.0, -0.4: -0.8, 2.0: 20.0}, -1.0) == [(2.0, 19.0)]
+    assert not _in_one_sense({-2.0: 1.9, -0.4: 0.8, 2.0: 20.0, 4.0: 41.0}, -1.0, 41.0)
+    assert _in_one_sense({-2.0: -19.0, -0.4: -0.8, 2.0: 20.0}, -1.0, 20.0) == [(2.0, 19.0)]
+
+
+def test_a_shaft_that_a_loop_brings_to_rest_has_settled_nowhere() -> None:
+    """It creeps, slower under more of an input that falls: its largest speed was that of the slew before."""
+    assert not _in_one_sense({-0.235: -0.153, -0.329: -0.123, 5.0: 12.0}, -1.0, 12.0)
 
 
 def test_the_steps_of_a_coarse_encoder_bend_no_ramp() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from servobench.core.finding import Severity
 from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import DOUBTS
@@ -43,6 +44,22 @@ def test_a_constant_below_zero_that_brakes_is_explained_and_stated_by_its_size(
     assert np.sign(fit["coulomb_voltage"].value) == way
     assert ("below zero because the input was" in lost) == (way < 0.0)
     assert lost.startswith("0.16")  # 8.4 Ω times 0.8 mN·m over 0.042 V·s
+
+
+def test_an_interval_below_zero_is_read_out_before_it_is_evidence() -> None:
+    """A motor that saturates a little: its friction comes out below zero, and by 2.5 standard deviations."""
+    data = dataset(seed=1, samples=len(T), u=np.where(T % 2.0 < 1.0, 3.0, 2.0))
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [data])
+    at = fit.model.names.index("coulomb_voltage")
+    theta, covariance = fit.model.theta.copy(), fit.covariance.copy()
+    theta[at], covariance[at, at] = -0.5, 0.2**2
+    below = replace(fit, model=replace(fit.model, theta=theta), covariance=covariance, intervals={})
+
+    (severity,) = [
+        each.severity for each in DOUBTS["one_way"].about_fit(below) if each.code == "offset-negative"
+    ]
+
+    assert severity is Severity.INFO
 
 
 def test_a_constant_that_may_be_nothing_is_not_explained() -> None:

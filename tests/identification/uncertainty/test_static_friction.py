@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
-from servobench.identification.uncertainty.static_friction import breakaway, with_static_friction
+from servobench.identification.uncertainty.static_friction import _ends, breakaway, with_static_friction
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
@@ -67,6 +67,21 @@ def test_inputs_that_go_away_at_once_say_nothing_of_the_stop() -> None:
     levels = np.repeat([0.0, 0.4, 0.9, 0.0, -0.4, -0.9, 0.0, 0.45], SAMPLES // 8)
 
     assert breakaway(ramps(SLIDING, levels)) is None
+
+
+def test_a_level_that_was_switched_to_long_ago_is_no_slow_start() -> None:
+    """A coarse encoder shows the first step of a slow shaft long after that of the input: such a start is a sudden one."""
+    rows = np.arange(400)
+    turned = np.maximum(rows - 130, 0.0)
+    switched, ramped = np.where(rows < 100, 0.0, 0.4), 0.004 * np.minimum(rows, 100)
+    run = slice(130, 399)
+
+    starts = [
+        _ends(dataset(seed=1, samples=400, u=u, y=turned), run, 1.5, 1.0, 0.0)[0] for u in (switched, ramped)
+    ]
+
+    assert starts[0] == 0.0
+    assert starts[1] > 0.3
 
 
 def test_the_interval_holds_start_and_stop() -> None:

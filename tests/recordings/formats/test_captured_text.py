@@ -93,11 +93,20 @@ def test_words_for_a_direction_are_the_sign_of_a_duty(words: tuple[str, str, str
     assert f"{words[2]!r} is read as −1" in finding(recording.findings, "direction-words").sentence
 
 
-@pytest.mark.parametrize("words", [("F", "F"), ("F", "X"), ("N", "N")])
-def test_words_for_one_way_or_for_something_else_are_no_signs(words: tuple[str, str], tmp_path: Path) -> None:
+@pytest.mark.parametrize("words", [("F", "X"), ("N", "N")])
+def test_words_for_no_way_or_for_something_else_are_no_signs(words: tuple[str, str], tmp_path: Path) -> None:
     recording = loaded(tmp_path, "t,dir\n" + "".join(f"{n},{words[n % 2]}\n" for n in range(6)), "log.txt")
 
     assert "column-skipped" in [each.code for each in recording.findings]
+
+
+@pytest.mark.parametrize(("word", "sign"), [("F", 1.0), ("CCW", -1.0)])
+def test_words_for_one_way_are_the_sign_of_a_duty_in_a_file_of_one_direction(
+    word: str, sign: float, tmp_path: Path
+) -> None:
+    recording = loaded(tmp_path, "t,dir\n" + "".join(f"{n},{word}\n" for n in range(6)), "log.txt")
+
+    assert columns(recording)["dir"] == 6 * [sign]
 
 
 def test_a_semicolon_behind_a_decimal_comma_is_a_separator(tmp_path: Path) -> None:

@@ -230,6 +230,17 @@ def test_an_input_whose_sign_stands_in_another_column_is_asked_for_it(states: tu
     assert assign(recording, input="pwm:%").input == "pwm"
 
 
+@pytest.mark.parametrize(("state", "size"), [(1.0, 40.0), (-1.0, -40.0), (0.0, -40.0)])
+def test_of_a_motor_that_is_driven_one_way_the_sign_has_one_state(state: float, size: float) -> None:
+    assigned = assign(in_two_columns((state, state)), input="pwm*dir:%")
+
+    assert set(assigned["pwm*dir"].values) == {size}
+
+
+def test_a_column_of_one_state_is_nobodys_missing_sign() -> None:
+    assert assign(in_two_columns((-1.0, -1.0)), input="pwm:%").input == "pwm"
+
+
 def test_a_sign_is_a_column_of_two_states() -> None:
     with pytest.raises(UsageError, match="`b` can't be the sign of `u`"):
         assign(made("u", "y", "b", y="rad"), input="u*b:V")

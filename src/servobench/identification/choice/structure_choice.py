@@ -20,7 +20,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.core.finding import Finding, info, warning
+from servobench.core.finding import Finding, Severity, info, warning
 from servobench.core.rounding import change_text, percent, plain
 from servobench.identification.choice.computed_data import about_computed, fit_to_computed
 from servobench.identification.choice.structure_ladder.comparison import (
@@ -54,6 +54,7 @@ from servobench.identification.trust.doubts.spikes import had_spikes
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
 from servobench.identification.trust.missing_terms import beside_torque, score_terms
 from servobench.identification.trust.validation import explains_the_colour, is_rounding
+from servobench.identification.trust.winding import about_winding
 from servobench.identification.uncertainty.changes_between_rows import with_changes_between_rows
 from servobench.identification.uncertainty.identifiability import drive_level, is_known
 from servobench.identification.uncertainty.score_test import ASKED, TermScore
@@ -103,10 +104,13 @@ class Choice:
         """Return whether neither the last rung's size nor the gain are known once all that widens the intervals is in a fit.
 
         A rung is climbed by what is known before that. One that turns out to be open, and to leave the gain open as well, stands
-        for something else that the model lacks.
+        for something else that the model lacks. Nor is it kept with a second lag that can't be told from a delay: nobody asked
+        for one.
         """
         if self.rung is None or "gain" not in widened.model.names:
             return False
+        if any(each.severity is Severity.REFUSAL for each in about_winding(widened)):
+            return True
         return not is_certain(self.rung.term, widened) and not is_known(widened["gain"])
 
     def restate(self, widened: Fit) -> tuple[Finding, ...]:

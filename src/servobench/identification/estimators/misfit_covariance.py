@@ -19,7 +19,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
 from servobench.core.parameter_names import parameter_in_words
-from servobench.core.rounding import SAME, instead_of
+from servobench.core.rounding import SAME, TWO_SIDED, instead_of
 from servobench.identification.estimators.base import Fit, IntervalsOnDemand
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.covariance import conservative, inverse, sandwich_over
@@ -72,7 +72,7 @@ def allow_for_misfit(fit: Fit) -> Fit:
     return replace(
         wider,
         intervals=IntervalsOnDemand(partial(_near_bounds, fit, wider.covariance)),
-        findings=(*fit.findings, _finding(fit, theta)),
+        findings=(*fit.findings, _finding(wider, theta)),
     )
 
 
@@ -169,19 +169,24 @@ def _minimum(fit: Fit) -> Minimum:
 
 
 def _finding(fit: Fit, theta: Array) -> Finding:
+    """What the other weighing, which leads to theta (P,), makes of gain and time constant, of those that are known."""
     value = dict(zip(fit.model.names, theta, strict=True))
-    first = fit.model.names[0]
-    texts = [
-        instead_of(value[name], fit.model[name], unit=unit)
-        for name, unit in ((first, ""), ("time_constant", "s"))
-    ]
-    gain = parameter_in_words(first, fit.model.units[0])
-    shift = (
-        f"If that were a random torque, the {gain} and the time constant would be the same to four digits."
-        if all(text.endswith(SAME) for text in texts)
-        else f"Fitted as if that were a random torque, the same data give a {gain} of {texts[0]} and a time constant of "
-        f"{texts[1]}; the intervals allow for the difference."
-    )
+    sds = dict(zip(fit.model.names, np.sqrt(np.diag(fit.covariance)), strict=True))
+    units = {fit.model.names[0]: "", "time_constant": "s"}
+    if single_level([record.data for record in fit.records]) is not None:
+        del units[fit.model.names[0]]  # it hangs on the friction
+    known = [name for name in units if TWO_SIDED * sds[name] < abs(fit.model[name])]
+    symbols = dict(zip(fit.model.names, fit.model.units, strict=True))
+    words = {name: parameter_in_words(name, symbols[name]) for name in known}
+    texts = {name: instead_of(value[name], fit.model[name], unit=units[name]) for name in known}
+    if not known:
+        shift = "Fitted as if that were a random torque, the same data give other values; the intervals allow for the difference."
+    elif all(text.endswith(SAME) for text in texts.values()):
+        same = " and ".join(f"the {each}" for each in words.values())
+        shift = f"If that were a random torque, {same} would be the same to four digits."
+    else:
+        both = " and ".join(f"a {words[name]} of {texts[name]}" for name in known)
+        shift = f"Fitted as if that were a random torque, the same data give {both}; the intervals allow for the difference."
     return info(
         "weighed-twice",
         f"The residual doesn't look like noise: part of it is something the model leaves out. {shift}",

@@ -177,5 +177,8 @@ def _ends(data: Dataset, run: slice, step: float, sense: float, lag: float) -> t
     late = (t[surely] - t[first]) / _SLOWLY + lag
     start, stop = before(first, late), before(run.stop - 1, lag)
     sudden = float(turn * u[surely]) - start > _SUDDEN * start
-    sudden |= _jumps(u[max(0, first - _LONG) : surely], start)
+    # A shaft under a held level may set off long after that began, or seem to where the sensor's steps are large.
+    changes = np.flatnonzero(np.diff(u[: first + 1]))
+    held_since = int(changes[-1]) if len(changes) else 0
+    sudden |= _jumps(u[max(0, min(first - _LONG, held_since)) : surely], start)
     return (0.0 if sudden else start), stop

@@ -20,6 +20,7 @@ _FEWEST = 20  # rows in motion
 def with_sign(size: Series, direction: Series) -> tuple[Series, Finding]:
     """Return a series with the sign of another, which holds 1 and −1, or 1 and 0 for the two states of a pin.
 
+    Of a motor that is driven one way it holds one of them.
     Raises `UsageError` for a direction of other values or of another length.
     """
     names = f"`{size.channel.name}` and `{direction.channel.name}`"
@@ -54,7 +55,7 @@ def missing_sign(recording: Recording, input: Series, output: Series) -> str:
     rows, rate = moving
     for each in recording.series:
         signs = _signs(each.values) if len(each.values) == len(input.values) else None
-        if signs is None:
+        if signs is None or len(np.unique(signs[np.isfinite(signs)])) < 2:
             continue
         agree = float(np.mean(signs[rows] == np.sign(rate)))
         if max(agree, 1.0 - agree) >= _AGREES:
@@ -77,6 +78,6 @@ def _motion_rows(u: Array, output: Series) -> tuple[np.ndarray, Array] | None:
 def _signs(values: Array) -> Array | None:
     """Signs (N,), 1 or −1 and 0 between them, of a column that can be one; None of another."""
     states = set(np.unique(values[np.isfinite(values)]).tolist())
-    if not (states <= {-1.0, 0.0, 1.0} and 1.0 in states and len(states) > 1):
+    if not (states and states <= {-1.0, 0.0, 1.0}):
         return None
     return values if -1.0 in states else np.where(values == 0.0, -1.0, values)

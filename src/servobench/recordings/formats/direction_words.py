@@ -24,11 +24,11 @@ def is_direction(word: str) -> bool:
 
 
 def signs_of(cells: Sequence[str]) -> Array | None:
-    """Return 1, −1 and 0 (N,) for words of directions; None where another word is among them, or only one way."""
+    """Return 1, −1 and 0 (N,) for words of directions; None where another word is among them, or none of a way."""
     if not all(map(is_direction, cells)):
         return None
     signs = np.array([_WORDS[cell.strip().lower()] for cell in cells])
-    return signs if {1.0, -1.0} <= set(signs.tolist()) else None
+    return signs if signs.any() else None
 
 
 def about_direction(name: str, cells: Iterable[str]) -> Finding:

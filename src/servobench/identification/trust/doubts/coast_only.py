@@ -1,4 +1,4 @@
-"""A record that shows nothing but a coast: a driver that lets go of the motor at zero duty makes another one of it."""
+"""A record that shows nothing but a coast, or a motor that slows down: a driver that lets go of it makes another one of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from servobench.core.finding import Finding, warning
+from servobench.core.finding import Finding, info, warning
 from servobench.identification.models.level import HARDLY_CONDUCTS
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.steady import steady_speeds
@@ -20,8 +20,15 @@ _STEADY = 0.1  # of the speed: what one may change by before the duty ends
 
 
 def _about(records: Sequence[Dataset]) -> list[Finding]:
-    if not all(is_duty(record) and _only_coasts(record) for record in records):
+    if not all(is_duty(record) and _only_slows_down(record) for record in records):
         return []
+    if not all(map(_only_coasts, records)):
+        sentence = (
+            "The speed changes only where the duty falls. Many bridges let go of a motor between the pulses instead of braking "
+            "it, so that it slows down more slowly than it speeds up, up to three times: the time constant is that of slowing "
+            "down. Record a step up as well."
+        )
+        return [info("slows-down-only", sentence, parameters=("time_constant",))]
     sentence = (
         "The speed changes only after the duty has become zero, or next to zero. Many drivers let go of a motor there instead of "
         "braking it; it then coasts, and takes far longer than it does to follow a duty: the time constant is that of the coast. "
@@ -31,18 +38,29 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 
 
 def _only_coasts(record: Dataset) -> bool:
-    """Whether the input falls to next to zero while the speed is steady, and changes nowhere else but in the first rows."""
+    """Whether the input that only falls does so once, to next to zero."""
+    changes = np.flatnonzero(np.diff(record.u)) + 1
+    least = HARDLY_CONDUCTS * float(np.abs(record.u).max(initial=0.0))
+    return int(np.sum(changes >= _FIRST)) == 1 and abs(float(record.u[-1])) <= least
+
+
+def _only_slows_down(record: Dataset) -> bool:
+    """Whether the input falls towards zero while the speed is steady, and changes nowhere else but in the first rows."""
     changes = np.flatnonzero(np.diff(record.u)) + 1
     later = changes[changes >= _FIRST]
-    least = HARDLY_CONDUCTS * float(np.abs(record.u).max(initial=0.0))
-    if len(later) != 1 or abs(record.u[-1]) > least:
+    if not len(later) or record.starts_at_rest:
         return False
+    least = HARDLY_CONDUCTS * float(np.abs(record.u).max(initial=0.0))
+    levels = record.u[np.append(later[0] - 1, later)]
+    falls = np.all(np.diff(np.abs(levels)) < 0.0) and np.all(
+        (levels * levels[0] > 0.0) | (np.abs(levels) <= least)
+    )
     before = [each for each in steady_speeds(record) if abs(each.level) > least]
-    if len(before) != 1 or record.starts_at_rest:
+    if not falls or not before or before[0].level != levels[0]:
         return False
     speed = abs(before[0].speed)
     slowest = float(np.abs(smooth_speed(record)[:_FIRST]).min())  # a start under power is another event
     return abs(before[0].change) <= _STEADY * speed and slowest >= _STARTS * speed
 
 
-DOUBTS.member("coast_only")(Doubt(codes=("coast-only",), about_data=_about))
+DOUBTS.member("coast_only")(Doubt(codes=("coast-only", "slows-down-only"), about_data=_about))

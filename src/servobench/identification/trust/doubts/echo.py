@@ -18,6 +18,7 @@ _SETTLED = 10  # samples at the end of a level
 _STILL_GOES = 0.005  # of the largest level, within these samples: a speed that still changes passes any value
 _BENT = 1e-3  # of its range: what lies nearer to a line is one, but for rounding
 _START, _PARTS = 3, 10  # samples at the start of a record, and parts, the last of which is its end
+_NO_REFERENCE = {"rad/s", "m/s", "%"}  # units of an input whose value no speed has by itself
 _LARGE, _SMALL = 0.5, 0.1  # of the largest input: what an error is at the start of a step, and at its end
 _ALIKE = 0.9999  # correlation: not even a motor without lag follows its input so well, sample by sample
 
@@ -105,7 +106,7 @@ def _proportional(data: Dataset) -> Finding:
 
 def _settles_at_it(data: Dataset) -> list[Finding]:
     """Whether a speed settles at just the value of each level of the input: as behind a controller with an integral part."""
-    if data.kind != "speed" or data.input_unit in {"rad/s", "m/s"}:
+    if data.kind != "speed" or data.input_unit in _NO_REFERENCE:
         return []
     switches = np.append(data.t_input[np.flatnonzero(np.diff(data.u)) + 1], data.t_output[-1])
     starts = np.append(data.t_output[0], switches[:-1])

@@ -15,6 +15,7 @@ _BY_CHANCE = 3.0  # standard deviations of the correlation of neighbours in whit
 _MOST = 80.0  # percent of the means over half a time constant: what is left of the samples changes faster than a motor can
 _FEWEST = 3  # samples of a mean
 _BLOCKS = 50  # of them at least
+_HIDDEN = 4.0  # standard deviations of what is left: about the range of a ripple
 _PLAIN = 10.0  # Fisher's F of what the model explains: noise has 1
 
 
@@ -31,7 +32,27 @@ def _poor(fit: Fit) -> list[Finding]:
             "record with a finer one, or the same step several times."
         )
         return [info("fit-poor", sentence)]
+    if (step := _step_within_ripple(fit)) > 0.0:
+        data = fit.records[0].data
+        sentence = (
+            f"{explained}: the input changes the speed by {with_unit(step, data.output_unit, 2)}, and besides it varies by "
+            f"{with_unit(fit.residual_sd, data.output_unit, 2)}. Let the input change by more, if the columns are the right ones."
+        )
+        return [warning("fit-poor", sentence)]
     return [warning("fit-poor", f"{explained}: the model or the columns are wrong.")]
+
+
+def _step_within_ripple(fit: Fit) -> float:
+    """By how much the input changes a speed in all [output unit], where that is no more than what else changes it; else 0.
+
+    Of a motor that turns at many times as much all the while.
+    """
+    if any(record.data.kind != "speed" for record in fit.records):
+        return 0.0
+    predictions = np.concatenate([record.prediction[record.valid] for record in fit.records])
+    size, slowest = float(np.ptp(predictions)), float(np.abs(predictions).min())
+    is_hidden = size < _HIDDEN * fit.residual_sd < slowest
+    return size if is_hidden else 0.0
 
 
 def _leaves_noise(fit: Fit) -> bool:

@@ -19,7 +19,9 @@ _APART = 1.3  # times a level has to be the lowest one, to say how the speed gro
 _MUCH = 0.25  # of the highest level: a straight line through the speeds that drives without any input by more isn't friction
 _FALLEN = 0.85  # of what is proportional to the input: a motor that warms up or a supply that sags takes less
 _POOR = 50.0  # percent of the output: a model that explains less knows no offset
-_MOVES = 0.05  # of the largest speed: below it the shaft stands, or friction holds it
+_MOVES = (
+    0.05  # of the largest speed: below it the shaft stands, friction holds it, or a loop brings it to rest
+)
 _BENT = 0.1  # of the rise of the speed: what a middle level is above the straight line, twice what a settled speed may change by
 _FALLS = (
     0.5  # of the slope below: a quadratic drag that takes as much as all else at the highest level leaves 0.6
@@ -34,13 +36,14 @@ def _about(fit: Fit) -> list[Finding]:
     speeds = speeds_by_level([record.data for record in fit.records])
     has_offset = "offset_voltage" in fit.model.names and fit.fit_percent >= _POOR
     offset = float(fit.model["offset_voltage"]) if has_offset else 0.0
+    top = max(float(np.percentile(np.abs(smooth_speed(record.data)), 99)) for record in fit.records)
     for sense in (1.0, -1.0):
-        levels = _in_one_sense(speeds, sense)
+        levels = _in_one_sense(speeds, sense, top)
         if len(levels) > 1 and _drives_without_input(levels, sense * offset):
             return [_finding(fit, (levels[0], levels[-1]), sense)]
         is_ramp_alone = not levels and len(fit.records) == 1
         if is_ramp_alone:
-            levels = _in_one_sense(_speeds_on_a_ramp(fit.records[0].data), sense)
+            levels = _in_one_sense(_speeds_on_a_ramp(fit.records[0].data), sense, top)
         bend = _bend(levels)
         # A coarse encoder's speed on a ramp is bent by its steps: there its position is what has to be explained.
         if bend is not None and (fit.fit_percent if is_ramp_alone else _percent_of_speed(fit)) < _EXPLAINED:
@@ -72,17 +75,17 @@ def _speeds_on_a_ramp(data: Dataset) -> dict[float, float]:
     return {float(u[part].mean()): float(np.median(speed[part])) for part in parts if len(part)}
 
 
-def _in_one_sense(speeds: dict[float, float], sense: float) -> list[tuple[float, float]]:
+def _in_one_sense(speeds: dict[float, float], sense: float, top: float) -> list[tuple[float, float]]:
     """The levels of an input of that sign at which the shaft turns, ascending, and the speeds there; both without the sign.
 
-    Where the shaft turns against what most levels make of it, it hasn't settled, and there are no levels.
+    Where the shaft turns against what most levels make of it, it hasn't settled, and there are no levels. Nor has it where it
+    creeps, as when a loop lets it come to rest: `top` is the largest speed of all.
     """
     way = float(np.sign(sum(level * speed for level, speed in speeds.items())))
     each = sorted(
         (sense * level, sense * way * speed) for level, speed in speeds.items() if sense * level > 0.0
     )
-    largest = max((abs(speed) for _, speed in each), default=0.0)
-    turning = [point for point in each if abs(point[1]) > _MOVES * largest]
+    turning = [point for point in each if abs(point[1]) > _MOVES * top]
     return turning if all(speed > 0.0 for _, speed in turning) else []
 
 

@@ -7,7 +7,11 @@ import numpy as np
 from servobench.core.finding import Finding, info
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
+from servobench.identification.models.motion import stands
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+_RESTS = 0.9  # of the samples: beside a step a smoothed speed begins before the shaft does
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
@@ -36,19 +40,25 @@ def _local(fit: Fit) -> list[Finding]:
 
 def _levels(fit: Fit) -> list[Finding]:
     """Whether two points are all that the line through the levels has."""
-    levels = np.unique(np.round(np.concatenate([record.data.u for record in fit.records]), 9))
+    records = [record.data for record in fit.records]
+    levels = np.unique(np.round(np.concatenate([record.u for record in records]), 9))
+    if len(levels) == 3 and all(map(_rests_without_input, records)):
+        levels = levels[levels != 0.0]  # a shaft that rests shows nothing of a motor
     if len(levels) != 2:
         return []
-    unit = fit.records[0].data.input_unit
-    return [
-        info(
-            "two-levels",
-            f"The input has two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, "
-            "which can't show whether the motor is linear between them; a staircase or a "
-            "multisine can.",
-            parameters=("gain",),
-        )
-    ]
+    unit = records[0].input_unit
+    drops = ", or whether the driver drops a part of the input" if -levels[0] == levels[1] else ""
+    sentence = (
+        f"The input has two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, which can't show whether "
+        f"the motor is linear between them{drops}: the gain is that between these levels. A staircase or a multisine can."
+    )
+    return [info("two-levels", sentence, parameters=("gain",))]
+
+
+def _rests_without_input(record: Dataset) -> bool:
+    """Whether the shaft stands while the input is zero."""
+    rests = stands(record)[record.input_at_output == 0.0]
+    return bool(np.count_nonzero(rests) >= _RESTS * len(rests))
 
 
 DOUBTS.member("operating_point")(Doubt(codes=("gain-local", "two-levels"), about_fit=_about_fit))

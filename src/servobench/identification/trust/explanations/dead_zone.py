@@ -9,6 +9,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import warning
+from servobench.core.rounding import with_unit
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
@@ -38,9 +39,9 @@ def _dead_zone(case: Case) -> CauseFit | None:
         return None
     unit = case.motions[0].data.input_unit
     sentence = (
-        f"Inputs within about ±{width:.2g} {unit} have no effect, even while the motor turns: that "
-        "is a dead zone of the amplifier, not friction, which would brake. Record the voltage "
-        "behind the amplifier, or subtract the dead zone from the input first."
+        f"Inputs within about ±{with_unit(width, unit, 2)} have no effect, even while the motor turns: that is a dead zone of "
+        "the amplifier, not friction, which would brake. Record the voltage behind the amplifier, or subtract the dead zone from "
+        "the input first."
     )
     return CauseFit(
         finding=warning("dead-zone", sentence, parameters=("gain", "coulomb_voltage")),

@@ -14,6 +14,7 @@ from servobench.identification.trust.explanations.cause import CauseFit
 _MOST_LEVELS = 16
 _FEWEST = 4  # with fewer levels, one that is off is only another gain or offset
 _SAME = 0.2  # of a level: as near as one with the wrong sign comes to its size
+_LEAST = 0.02  # of a level: motors differ by that from day to day, and no label is wrong by so little
 _STANDS = 0.02  # of the top speed
 _SHARE = 0.02  # of the samples at a level that counts
 
@@ -39,6 +40,8 @@ def _level(case: Case) -> CauseFit | None:
     really = level + best_regression.coefficients[-1] / (best_regression.coefficients[1] or 1.0)
     if really * level < 0.0 and abs(really + level) > _SAME * abs(level):
         return None  # no supply turns a level round, and of a wrong sign the size is right
+    if abs(really - level) < _LEAST * abs(level):
+        return None
     unit = case.motions[0].data.input_unit
     alike = np.abs(levels[levels * level > 0.0])
     at_an_end = abs(level) == alike.min() or (abs(level) == alike.max() and abs(really) < abs(level))
