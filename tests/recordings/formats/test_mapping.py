@@ -838,6 +838,15 @@ def test_times_that_are_rounded_ask_for_the_sample_time_and_say_why(tmp_path: Pa
     assert len(assign(recording, sample_time=0.002)["y"].values) == 500
 
 
+def test_the_step_from_row_to_row_is_no_time_and_says_the_sample_time() -> None:
+    """The clock stood still for a second at row 50."""
+    steps = np.full(100, 0.025)
+    steps[50] = -0.975
+
+    with pytest.raises(FormatError, match=r"99 of the 100 times are 0\.025 s.*`sample_time=0\.025`"):
+        with_times(steps)
+
+
 def test_rows_that_a_logger_repeats_as_they_were_are_left_out_as_before(tmp_path: Path) -> None:
     rows = "".join(f"{k // 3 / 100:.2f},{k // 3 % 2},{k // 3 * 0.1:.3f}\n" for k in range(300))
     recording = assign(loaded(tmp_path, "t [s],u [V],y [rad]\n" + rows), time="t")
