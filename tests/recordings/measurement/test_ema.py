@@ -50,6 +50,7 @@ def test_a_motor_behind_it_is_identified_where_a_lowpass_would_be_a_sample_late(
     result = identify(recorded("derivative | ema 0.2"))
 
     assert result.verdict is Verdict.TRUSTED
+    assert any("after `ema 0.2` was undone" in each.sentence for each in result.findings)
     for name in ("gain", "time_constant"):
         low, high = result[name].interval
         assert low < answers(Truth())[name] < high

@@ -1,4 +1,4 @@
-"""Counts that were differenced into a speed, summed back: the inverse of `derivative`, and of `lowpass` where that is exact."""
+"""Counts that were differenced into a speed, summed back: the inverse of `derivative`, and of a filter if that is exact."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from servobench.core.channels import Array
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.derivative import Derivative
+from servobench.recordings.measurement.ema import Ema
 from servobench.recordings.measurement.grid import grid_step
 from servobench.recordings.measurement.lowpass import Lowpass
 
@@ -44,7 +45,7 @@ def summations(data: Dataset) -> Iterator[Summation]:
     interval, so that n follows exactly from rounding, up to where it starts: no error accumulates. m is 1 or, at regular
     times, 2 (as of a central difference). First, a declared low-pass is undone: its output follows its input by
     y[k] = a y[k-1] + b x[k] + c x[k-1], and x lies on a lattice again only if a, b and c were those.
-    All of it follows from the definition of a difference, and of the stages `derivative` and `lowpass`.
+    All of it follows from the definition of a difference, and of the stages `derivative`, `lowpass` and `ema`.
     A lattice doesn't prove an encoder: a converter's steps or printed digits make one, too. Whether a sum is a position shows
     in how well a motor explains it.
     """
@@ -64,7 +65,7 @@ def summations(data: Dataset) -> Iterator[Summation]:
 
 
 def _undo_filter(data: Dataset) -> Iterator[tuple[Array, int, str]]:
-    """The speed before its declared low-pass, over how many samples it is a sum, and what was undone, in words."""
+    """The speed before its declared filter, over how many samples it is a sum, and what was undone, in words."""
     stages = data.declared.linear.stages
     if stages and isinstance(stages[0], Derivative):
         stages = stages[1:]
@@ -72,6 +73,10 @@ def _undo_filter(data: Dataset) -> Iterator[tuple[Array, int, str]]:
         yield data.y, 1, ""
     elif len(stages) == 1 and isinstance(stages[0], Lowpass):
         yield from _without_lowpass(data, stages[0])
+    elif len(stages) == 1 and isinstance(stages[0], Ema):
+        old = 1.0 - stages[0].weight
+        before = (data.y[1:] - old * data.y[:-1]) / stages[0].weight
+        yield np.append(0.0, before), 1, f", after `{stages[0]}` was undone"
 
 
 def _without_lowpass(data: Dataset, stage: Lowpass) -> Iterator[tuple[Array, int, str]]:
