@@ -42,7 +42,9 @@ def test_friction_is_found_where_there_is_some_and_not_where_there_is_none() -> 
     with_friction = identify(dataset(seed=1, kind="prbs"))
     without = identify(dataset(seed=1, kind="prbs", truth=Truth(coulomb_torque=0.0)))
     assert "friction-found" in codes(with_friction)
-    assert "friction-not-found" in codes(without)
+    (about,) = [each for each in without.findings if each.code == "friction-not-found"]
+    assert "Under one level both ways" in about.sentence
+    assert about.parameters == ("gain",)
     assert without.fit is not None
     assert "coulomb_voltage" not in without.fit.estimates
 

@@ -45,7 +45,12 @@ from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.common_parameters import TIME_CONSTANT
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
-from servobench.identification.models.level import few_levels, has_one_level_each, single_level
+from servobench.identification.models.level import (
+    few_levels,
+    has_one_level_each,
+    has_one_magnitude,
+    single_level,
+)
 from servobench.identification.models.motion import is_ramp, smooth_speed, stands, turns_both_ways
 from servobench.identification.models.nonlinear.structure import NonlinearMotor
 from servobench.identification.trust.doubts.base import about_data
@@ -243,13 +248,24 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
         return _Base(fit=with_friction, findings=(_friction_possible(gains),), fits=fits)
     if _hides_friction(with_friction) or has_one_level_each(data):
         return _Base(fit=with_friction, findings=(_friction_hidden(),), fits=fits)
-    sentence = (
-        "The data show no Coulomb friction: the model without it explains them equally well."
-        if few_levels(data) is None
-        else "A model without Coulomb friction explains these data equally well. Under so few levels a few percent of friction "
-        "look like another gain, which the interval of the gain allows for where the residual shows that the model isn't exact."
-    )
-    return _Base(fit=frictionless, findings=(info("friction-not-found", sentence),), fits=fits)
+    return _Base(fit=frictionless, findings=(_friction_not_found(data),), fits=fits)
+
+
+def _friction_not_found(data: Sequence[Dataset]) -> Finding:
+    as_well = "A model without Coulomb friction explains these data equally well."
+    if has_one_magnitude(data):
+        sentence = (
+            f"{as_well} Under one level both ways only the reversals tell friction from a smaller gain, and a sensor that is "
+            "late or coarse at low speed hides it there: record a second level."
+        )
+    elif few_levels(data) is not None:
+        sentence = (
+            f"{as_well} Under so few levels a few percent of friction look like another gain, which the interval of the gain "
+            "allows for where the residual shows that the model isn't exact."
+        )
+    else:
+        sentence = "The data show no Coulomb friction: the model without it explains them equally well."
+    return info("friction-not-found", sentence, parameters=("gain",) if has_one_magnitude(data) else ())
 
 
 def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Base, Fit]:

@@ -75,6 +75,22 @@ def few_levels(records: Sequence[Dataset]) -> Array | None:
     Under so few a friction, an offset and a gain that differs by direction look like one another; under one magnitude both ways
     only the shape of the reversals tells them apart, and that is another case.
     """
+    levels = _to_and_fro(records)
+    return levels if levels is not None and not _are_alike(levels) else None
+
+
+def has_one_magnitude(records: Sequence[Dataset]) -> bool:
+    """Return whether one level drove a motor to and fro: its reversals alone tell friction from a smaller gain."""
+    levels = _to_and_fro(records)
+    return levels is not None and _are_alike(levels)
+
+
+def _are_alike(levels: Array) -> bool:
+    return bool(np.ptp(np.abs(levels)) <= ALIKE * np.abs(levels).max())
+
+
+def _to_and_fro(records: Sequence[Dataset]) -> Array | None:
+    """The two or three levels (L,) that drove a motor both ways; None where there were others."""
     u = np.concatenate([record.u for record in records])
     least = _ONE * float(np.abs(u).max(initial=0.0))
     values = np.unique(u[np.abs(u) > least])
@@ -83,8 +99,7 @@ def few_levels(records: Sequence[Dataset]) -> Array | None:
     groups = np.split(values, np.flatnonzero(np.diff(values) > least) + 1)
     if len(groups) > _FEW_LEVELS or any(np.ptp(group) > least for group in groups):
         return None  # more levels, or none at all
-    levels = np.array([group.mean() for group in groups])
-    return levels if np.ptp(np.abs(levels)) > ALIKE * np.abs(levels).max() else None
+    return np.array([group.mean() for group in groups])
 
 
 @keep_with_data
