@@ -618,3 +618,6 @@ def test_a_second_lag_that_nobody_asked_for_is_taken_back_where_it_can_t_be_told
     assert choice.loses(wider)
     assert choice.below is not None
     assert "electrical_time_constant" not in choice.below.fit.model.names
+    assert any(
+        "winding's lag (it can't be told from a delay)" in each.sentence for each in choice.below.findings
+    )

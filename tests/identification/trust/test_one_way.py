@@ -55,11 +55,10 @@ def test_an_interval_below_zero_is_read_out_before_it_is_evidence() -> None:
     theta[at], covariance[at, at] = -0.5, 0.2**2
     below = replace(fit, model=replace(fit.model, theta=theta), covariance=covariance, intervals={})
 
-    (severity,) = [
-        each.severity for each in DOUBTS["one_way"].about_fit(below) if each.code == "offset-negative"
-    ]
+    (about,) = [each for each in DOUBTS["one_way"].about_fit(below) if each.code == "offset-negative"]
 
-    assert severity is Severity.INFO
+    assert about.severity is Severity.INFO
+    assert "Chance does that once in forty times" in about.sentence
 
 
 def test_a_constant_that_may_be_nothing_is_not_explained() -> None:

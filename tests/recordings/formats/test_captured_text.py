@@ -93,7 +93,7 @@ def test_words_for_a_direction_are_the_sign_of_a_duty(words: tuple[str, str, str
     assert f"{words[2]!r} is read as −1" in finding(recording.findings, "direction-words").sentence
 
 
-@pytest.mark.parametrize("words", [("F", "X"), ("N", "N")])
+@pytest.mark.parametrize("words", [("F", "X"), ("N", "N"), ("F", "N")])
 def test_words_for_no_way_or_for_something_else_are_no_signs(words: tuple[str, str], tmp_path: Path) -> None:
     recording = loaded(tmp_path, "t,dir\n" + "".join(f"{n},{words[n % 2]}\n" for n in range(6)), "log.txt")
 

@@ -838,6 +838,11 @@ def test_times_that_are_rounded_ask_for_the_sample_time_and_say_why(tmp_path: Pa
     assert len(assign(recording, sample_time=0.002)["y"].values) == 500
 
 
+def test_a_clock_that_froze_is_no_column_of_steps() -> None:
+    with pytest.raises(FormatError, match="have the same time as the one before"):
+        with_times(np.minimum(0.01 * np.arange(100), 0.3))
+
+
 def test_the_step_from_row_to_row_is_no_time_and_says_the_sample_time() -> None:
     """The clock stood still for a second at row 50."""
     steps = np.full(100, 0.025)

@@ -12,6 +12,7 @@ from servobench.core.finding import Verdict
 from servobench.identification.identify import identify
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.lag import lag_of
 from tests.datasets import QUANTUM, dataset
 from tests.rig.motor.reference import Truth, march
 from tests.truth.test_intervals import answers
@@ -19,17 +20,42 @@ from tests.truth.test_intervals import answers
 
 def test_it_is_the_line_of_a_sketch() -> None:
     x = np.random.default_rng(1).standard_normal(50)
-    y, expected = 0.0, []
-    for each in x.tolist():
+    y, expected = 0.0, [0.0]
+    for each in x[1:].tolist():
         y += 0.2 * (each - y)
         expected.append(y)
+    jitter = 1e-3 * np.random.default_rng(2).uniform(-1.0, 1.0, 50)  # of the clock; each row is one pass
 
-    np.testing.assert_allclose(Chain.parse("ema 0.2")(x, 0.01 * np.arange(50)), expected, rtol=1e-12)
+    made = Chain.parse("ema 0.2 every 10 ms")(x, 0.01 * np.arange(50) + jitter)
+
+    np.testing.assert_allclose(made, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("text", ["ema", "ema 0", "ema 1", "ema nan", "ema 0.2 s", "ema fast"])
-def test_anything_but_a_weight_is_refused_with_an_example(text: str) -> None:
-    with pytest.raises(UsageError, match=r"0\.2"):
+def test_rows_of_several_passes_remember_as_long() -> None:
+    """A loop that takes 1 ms and prints each tenth pass, of something that changes slowly."""
+    every, tenth = 0.001 * np.arange(2000), 0.01 * np.arange(200)
+    smoothing = Chain.parse("ema 0.05 every 1 ms")
+
+    whole, thinned = smoothing(np.sin(every), every), smoothing(np.sin(tenth), tenth)
+
+    np.testing.assert_allclose(thinned, whole[::10], atol=0.01)
+    assert lag_of(smoothing, 0.1) == pytest.approx(0.019, rel=0.05)  # (1 - α)/α passes
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ema",
+        "ema 0.2",
+        "ema 0 every 1 s",
+        "ema 1 every 1 s",
+        "ema nan every 1 s",
+        "ema 0.2 every 0 s",
+        "ema 0.2 every 10",
+    ],
+)
+def test_anything_but_a_weight_and_a_time_is_refused(text: str) -> None:
+    with pytest.raises(UsageError):
         Chain.parse(text)
 
 
@@ -47,10 +73,10 @@ def recorded(chain: str) -> Dataset:
 
 
 def test_a_motor_behind_it_is_identified_where_a_lowpass_would_be_a_sample_late() -> None:
-    result = identify(recorded("derivative | ema 0.2"))
+    result = identify(recorded("derivative | ema 0.2 every 10 ms"))
 
     assert result.verdict is Verdict.TRUSTED
-    assert any("after `ema 0.2` was undone" in each.sentence for each in result.findings)
+    assert any("after `ema 0.2 every 0.01 s` was undone" in each.sentence for each in result.findings)
     for name in ("gain", "time_constant"):
         low, high = result[name].interval
         assert low < answers(Truth())[name] < high

@@ -591,7 +591,12 @@ def _of_base(base: _Base, fit: Fit, causes: Causes) -> Choice:
 
 def _one_up(here: Choice, rung: Rung, refused: Mapping[str, Rung]) -> Choice:
     """The choice with a rung more, and below it the one without, which says that the rung was left out."""
-    lost = replace(rung, doubt="neither its size nor the gain would be known")
+    open_ = (
+        "it can't be told from a delay"
+        if rung.term == "winding"
+        else "neither its size nor the gain would be known"
+    )
+    lost = replace(rung, doubt=open_)
     stop = stop_finding(here.fit, here.shown, {**refused, rung.term: lost})
     earlier = [f for f in here.findings if "coulomb" not in rung.term or f.code != "friction-not-found"]
     return replace(

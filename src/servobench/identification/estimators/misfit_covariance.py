@@ -190,5 +190,5 @@ def _finding(fit: Fit, theta: Array) -> Finding:
     return info(
         "weighed-twice",
         f"The residual doesn't look like noise: part of it is something the model leaves out. {shift}",
-        parameters=("gain", "time_constant"),
+        parameters=tuple(known) or ("gain", "time_constant"),
     )

@@ -24,11 +24,13 @@ def is_direction(word: str) -> bool:
 
 
 def signs_of(cells: Sequence[str]) -> Array | None:
-    """Return 1, −1 and 0 (N,) for words of directions; None where another word is among them, or none of a way."""
+    """Return 1, −1 and 0 (N,) for words of directions; None where another word is among them, or one way and none."""
     if not all(map(is_direction, cells)):
         return None
     signs = np.array([_WORDS[cell.strip().lower()] for cell in cells])
-    return signs if signs.any() else None
+    ways = set(signs.tolist())
+    # Beside a word for no way one way alone would be taken for the two states of a pin.
+    return signs if {1.0, -1.0} <= ways or (len(ways) == 1 and signs.any()) else None
 
 
 def about_direction(name: str, cells: Iterable[str]) -> Finding:

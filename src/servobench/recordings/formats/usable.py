@@ -211,10 +211,11 @@ def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.boo
         return
     times, rows = np.unique(t, return_counts=True)
     usual = float(times[np.argmax(rows)])
-    if rows.max() > _MOST_ROUNDED * len(t) and usual > 0.0:
+    is_clock = bool(np.all(np.diff(t) >= 0.0))  # one that froze
+    if rows.max() > _MOST_ROUNDED * len(t) and usual > 0.0 and not is_clock:
         raise FormatError(
             f"{name}: {int(rows.max())} of the {len(t)} times are {usual:g} s, as of a column with the step from row to row: "
-            f"name the column of the time with `time=COL:UNIT`, or give the sample time as `sample_time={usual:g}` (in s)"
+            f"name the time column with `time=COL:UNIT`, or give the sample time as `sample_time={usual:g}` (in s)"
         )
     step = mean_step(t)
     about = "SECONDS" if step is None else f"{step.figure:.4g}"

@@ -74,9 +74,9 @@ def _undo_filter(data: Dataset) -> Iterator[tuple[Array, int, str]]:
     elif len(stages) == 1 and isinstance(stages[0], Lowpass):
         yield from _without_lowpass(data, stages[0])
     elif len(stages) == 1 and isinstance(stages[0], Ema):
-        old = 1.0 - stages[0].weight
-        before = (data.y[1:] - old * data.y[:-1]) / stages[0].weight
-        yield np.append(0.0, before), 1, f", after `{stages[0]}` was undone"
+        decay = stages[0].decay(np.diff(data.t_output))
+        newest = (data.y[1:] - decay * data.y[:-1]) / (1.0 - decay)
+        yield np.append(0.0, newest), 1, f", after `{stages[0]}` was undone"
 
 
 def _without_lowpass(data: Dataset, stage: Lowpass) -> Iterator[tuple[Array, int, str]]:

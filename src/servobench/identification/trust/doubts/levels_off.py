@@ -19,9 +19,7 @@ _APART = 1.3  # times a level has to be the lowest one, to say how the speed gro
 _MUCH = 0.25  # of the highest level: a straight line through the speeds that drives without any input by more isn't friction
 _FALLEN = 0.85  # of what is proportional to the input: a motor that warms up or a supply that sags takes less
 _POOR = 50.0  # percent of the output: a model that explains less knows no offset
-_MOVES = (
-    0.05  # of the largest speed: below it the shaft stands, friction holds it, or a loop brings it to rest
-)
+_MOVES = 0.05  # of the largest speed: below it friction holds the shaft, or a loop brings it to rest
 _BENT = 0.1  # of the rise of the speed: what a middle level is above the straight line, twice what a settled speed may change by
 _FALLS = (
     0.5  # of the slope below: a quadratic drag that takes as much as all else at the highest level leaves 0.6

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from servobench.core.finding import Finding, Severity, info, warning
+from servobench.core.finding import Finding, info, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
@@ -69,8 +67,11 @@ def _one_way(fit: Fit) -> list[Finding]:
         return [together, constant]
     if constant.code != "offset-negative":
         return [together]
-    # Once in forty times chance leaves zero beyond an interval's end: that is to be read, and no evidence yet.
-    return [together, replace(constant, severity=Severity.INFO)]
+    sentence = (
+        f"The {name} comes out below zero, {estimate.value:.3g} {estimate.unit}, which friction can't be. Chance does that once "
+        "in forty times; otherwise the motor isn't linear over these levels, or the input has an offset."
+    )
+    return [together, info("offset-negative", sentence, parameters=constant.parameters)]
 
 
 def _of_constant(fit: Fit, name: str) -> Finding:

@@ -7,11 +7,9 @@ import numpy as np
 from servobench.core.finding import Finding, info
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.motion import stands
+from servobench.identification.models.first_motion import rests_at_first
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
-
-_RESTS = 0.9  # of the samples: beside a step a smoothed speed begins before the shaft does
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
@@ -42,23 +40,23 @@ def _levels(fit: Fit) -> list[Finding]:
     """Whether two points are all that the line through the levels has."""
     records = [record.data for record in fit.records]
     levels = np.unique(np.round(np.concatenate([record.u for record in records]), 9))
-    if len(levels) == 3 and all(map(_rests_without_input, records)):
-        levels = levels[levels != 0.0]  # a shaft that rests shows nothing of a motor
+    if len(levels) == 3 and 0.0 in levels and all(map(_begins_with_a_rest, records)):
+        levels = levels[levels != 0.0]  # a shaft that hasn't moved yet shows nothing of its motor
     if len(levels) != 2:
         return []
     unit = records[0].input_unit
     drops = ", or whether the driver drops a part of the input" if -levels[0] == levels[1] else ""
     sentence = (
-        f"The input has two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, which can't show whether "
-        f"the motor is linear between them{drops}: the gain is that between these levels. A staircase or a multisine can."
+        f"The input drives the motor at two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, and the "
+        f"gain is that between them. Whether the motor is linear there{drops}, takes a staircase or a multisine to show."
     )
     return [info("two-levels", sentence, parameters=("gain",))]
 
 
-def _rests_without_input(record: Dataset) -> bool:
-    """Whether the shaft stands while the input is zero."""
-    rests = stands(record)[record.input_at_output == 0.0]
-    return bool(np.count_nonzero(rests) >= _RESTS * len(rests))
+def _begins_with_a_rest(record: Dataset) -> bool:
+    """Whether the input is zero at the beginning only, and the shaft stands there."""
+    driven = np.flatnonzero(record.u)
+    return len(driven) > 0 and bool(np.all(record.u[driven[0] :])) and rests_at_first(record)
 
 
 DOUBTS.member("operating_point")(Doubt(codes=("gain-local", "two-levels"), about_fit=_about_fit))
