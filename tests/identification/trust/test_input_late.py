@@ -106,6 +106,17 @@ def test_one_that_changes_as_long_before_each_row_has_a_fit_that_leaves_nothing_
     assert doubts(best_fit(sparse_log(late))) == []
 
 
+def test_between_rows_of_the_output_the_input_may_be_known() -> None:
+    """An output that is renewed in every other row of the file: what it leaves around changes is no fault of the input's rows."""
+    data = log_of_a_free_input()
+    fit = best_fit(data)
+    between = np.sort(np.concatenate([data.t_input, data.t_input + 0.4 * data.sample_time]))
+    finer = replace(data, t_input=between, u=np.repeat(data.u, 2))
+    records = tuple(replace(each, data=finer) for each in fit.records)
+
+    assert doubts(replace(fit, records=records)) == []
+
+
 def test_rows_that_are_near_for_the_motor_are_not_doubted() -> None:
     """10 rows of the controller are 20 ms, a fifth of the time constant: what is left around changes moves no result."""
     fit = best_fit(log_of_a_free_input(every=10, kind="speed"))

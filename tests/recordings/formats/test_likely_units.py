@@ -186,6 +186,15 @@ def test_whole_counts_a_second_that_are_less_than_a_count_in_each_row_are_doubte
     assert ("unit-contradicted" in codes(evidence.recording.findings)) is is_doubted
 
 
+def test_multiples_of_a_number_are_counts_over_the_time_of_several_rows() -> None:
+    """20 counts/s are one in 50 ms, over which a coarse encoder's speed was taken."""
+    mapping = Mapping(input="u:V", output="speed:counts/s")
+
+    evidence = evidence_of(table("u", y=20.0 * (np.arange(100) % 5 - 1)), mapping)
+
+    assert "unit-contradicted" not in codes(evidence.recording.findings)
+
+
 @pytest.mark.parametrize(
     ("output", "says", "factor"),
     [

@@ -12,7 +12,7 @@ def held(values: np.ndarray, rows: int) -> np.ndarray:
     return values[np.arange(len(values)) // rows * rows]
 
 
-@pytest.mark.parametrize("rows", [3, 11, 40])
+@pytest.mark.parametrize("rows", [2, 3, 11, 40])
 def test_a_sensor_that_is_asked_less_often_than_the_log_gets_rows_is_found(rows: int) -> None:
     found = stale(held(MOTION, rows))
 

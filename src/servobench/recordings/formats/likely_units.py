@@ -33,6 +33,7 @@ _COUNT_WORDS = frozenset({"count", "counts", "tick", "ticks", "pulse", "pulses",
 _RATE_WORDS = frozenset(
     {"s", "sec", "second", "per", "rate", "speed", "velocity", "vel", "freq", "frequency", "hz"}
 )
+_SEVERAL = 3  # sizes: two have a common factor by chance
 _SERVO_PULSES = (700.0, 2300.0)  # us: 1000 to 2000, and what some servos take beyond
 _DEFAULT: dict[Role, tuple[str, ...]] = {
     "input": ("V",),
@@ -187,9 +188,15 @@ def about_output_unit(series: Series) -> list[Finding]:
 
 
 def _may_be_counts_of_rows(series: Series) -> bool:
-    """Whether whole numbers of counts/s are as good as none in a row: counting shows no such speed, whole or not."""
+    """Whether whole numbers of counts/s are as good as none in a row: counting shows no such speed, whole or not.
+
+    Several multiples of a number are counts over the time of a row, or of a few, and not counts.
+    """
     t, values = series.t, _finite(series.values)
     if t is None or len(t) < 2 or not _are_whole(values):
+        return False
+    sizes = np.unique(np.abs(np.rint(values).astype(np.int64)))
+    if np.count_nonzero(sizes) >= _SEVERAL and np.gcd.reduce(sizes) > 1:
         return False
     return _largest(values) * float(np.median(np.diff(t))) < 1.0 < _largest(values)
 

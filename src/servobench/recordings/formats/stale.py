@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 
-_SHARE = 0.5  # of the rows without a change, from which on values are said to be stale
+_SHARE = 0.5  # of the rows: values that change in no more of them are stale
 _ALIKE = 0.7  # of the changes by the same step, from which on that step counts as the sensor's own
 _ONE_STEP = 3.0  # times the smallest change: a larger one isn't the sensor's own step
 _FEWEST = 10  # changes that it takes to tell
@@ -52,7 +52,7 @@ def stale(values: Array) -> Stale | None:
     )
     hold = float(np.median(np.diff(changes)))
     # What changes in every row of a motion, and rests in between, is fresh.
-    return Stale(hold=hold, share=share) if share < _SHARE and hold >= 2.0 and alike <= _ALIKE else None
+    return Stale(hold=hold, share=share) if share <= _SHARE and hold >= 2.0 and alike <= _ALIKE else None
 
 
 def fresh_rows(values: Array, hold: float) -> NDArray[np.int64]:

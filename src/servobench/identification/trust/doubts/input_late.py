@@ -26,6 +26,9 @@ _FEWEST = 8  # changes of the input
 _NEARBY = (-1, 0, 1, 2)
 _NONE = 1e-6  # of the largest change: rounding
 _CLEAR = 0.05  # of the largest change: a smaller one shifts nothing
+_AS_OFTEN = (
+    0.75  # of the sample time: an input with rows that lie nearer is known between those of the output
+)
 _COARSE = 0.3  # of all lags: rows that lie nearer leave little room between them
 _UNEVEN = 4.0  # times the square of what is missed elsewhere: twice as much in each row
 _MOST = 0.5  # of what is missed
@@ -33,8 +36,14 @@ _MOST = 0.5  # of what is missed
 
 def _about_fit(fit: Fit) -> list[Finding]:
     """Whether what a motor that no loop drives does beyond its model shows changes of the input between the rows."""
-    open_loop = [each for each in fit.records if not (each.data.closed_loop or answers_to_output(each.data))]
-    looked_at = [(record, around) for record in open_loop if (around := _around_changes(record)) is not None]
+    records = [
+        each
+        for each in fit.records
+        if not (each.data.closed_loop or answers_to_output(each.data))
+        # Of an output that is renewed now and then the file knows the input in between.
+        and each.data.input_step > _AS_OFTEN * each.data.sample_time
+    ]
+    looked_at = [(record, around) for record in records if (around := _around_changes(record)) is not None]
     sense = np.sign(fit.model["gain"]) if "gain" in fit.model.names else 0.0
     ahead = [record for record, around in looked_at if _is_ahead(around, sense)]
     if ahead:
