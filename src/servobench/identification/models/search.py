@@ -333,13 +333,13 @@ class _Record:
             self.columns,
         )
         own = np.empty((0, len(self.rows)))
-        if not plain:
-            with np.errstate(over="ignore", invalid="ignore"):  # as in `records.through_chain`
+        with np.errstate(over="ignore", invalid="ignore"):  # as in `records.through_chain`
+            if not plain:
                 passed = data.chain.linear(columns.reshape(-1, len(self.t)).T, data.t_output)[self.rows]
-            columns, own = passed.T.reshape(*columns.shape[:2], -1), data.start_responses[self.rows].T
-        both = np.vstack([own, self.y])
-        block = np.concatenate([columns, np.broadcast_to(both, (len(points), *both.shape))], axis=1)
-        return np.asarray(block @ block.transpose(0, 2, 1))
+                columns, own = passed.T.reshape(*columns.shape[:2], -1), data.start_responses[self.rows].T
+            both = np.vstack([own, self.y])
+            block = np.concatenate([columns, np.broadcast_to(both, (len(points), *both.shape))], axis=1)
+            return np.asarray(block @ block.transpose(0, 2, 1))
 
 
 def _trials(structure: Separable, records: Sequence[_Record], points: Array) -> _Trials:

@@ -56,8 +56,9 @@ class Ema:
 
     @property
     def symbol(self) -> tuple[str, ...]:
-        """Numerator and denominator in z, for a diagram."""
-        return number_text(self.weight), f"1 − {number_text(round(1.0 - self.weight, 12))} z^{{−1}}"
+        """Numerator and denominator of the low-pass that remembers as long, with ω = -ln(1 - α)/step, for a diagram."""
+        cutoff = number_text(float(f"{-np.log1p(-self.weight) / self.step_time:.4g}"))
+        return cutoff, f"s + {cutoff}"
 
     def decay(self, dt: Array) -> Array:
         """Return what is left of the output before, (1 - α)^n, for times dt (N,) [s] since the sample before of n passes each."""

@@ -18,11 +18,7 @@ _SETTLED = 10  # samples at the end of a level
 _STILL_GOES = 0.005  # of the largest level, within these samples: a speed that still changes passes any value
 _BENT = 1e-3  # of its range: what lies nearer to a line is one, but for rounding
 _START, _PARTS = 3, 10  # samples at the start of a record, and parts, the last of which is its end
-_NO_REFERENCE = {
-    "rad/s",
-    "m/s",
-    "%",
-}  # units of an input that is named as a reference, or whose value no speed has
+_NO_REFERENCE = {"rad/s", "m/s", "%"}  # a reference is named as one, and no speed has the value of a duty
 _LARGE, _SMALL = 0.5, 0.1  # of the largest input: what an error is at the start of a step, and at its end
 _ALIKE = 0.9999  # correlation: not even a motor without lag follows its input so well, sample by sample
 

@@ -26,9 +26,7 @@ _FEWEST = 8  # changes of the input
 _NEARBY = (-1, 0, 1, 2)
 _NONE = 1e-6  # of the largest change: rounding
 _CLEAR = 0.05  # of the largest change: a smaller one shifts nothing
-_AS_OFTEN = (
-    0.75  # of the sample time: an input with rows that lie nearer is known between those of the output
-)
+_AS_OFTEN = 0.75  # of the sample time: an input whose rows lie nearer is known between those of the output
 _COARSE = 0.3  # of all lags: rows that lie nearer leave little room between them
 _UNEVEN = 4.0  # times the square of what is missed elsewhere: twice as much in each row
 _MOST = 0.5  # of what is missed

@@ -60,7 +60,7 @@ def _one_way(fit: Fit) -> list[Finding]:
         )
         return [together, warning("input-hardly-matters", sentence, parameters=("gain", "time_constant"))]
     low, high = estimate.interval
-    if abs(estimate.value) <= 3 * estimate.sd and low * high <= 0.0:
+    if abs(estimate.value) <= 3 * estimate.sd and low <= 0.0 <= high:
         return [together]
     constant = _of_constant(fit, name)
     if abs(estimate.value) > 3 * estimate.sd:
