@@ -47,10 +47,10 @@ def _levels(fit: Fit) -> list[Finding]:
     if len(levels) != 2:
         return []
     unit = records[0].input_unit
-    drops = ", or whether the driver drops a part of the input" if -levels[0] == levels[1] else ""
+    drops = " or the driver drops a part of the input" if -levels[0] == levels[1] else ""
     sentence = (
         f"The input {has} two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, and the "
-        f"gain is that between them. Whether the motor is linear there{drops}, takes a staircase or a multisine to show."
+        f"gain is that between them. It takes a staircase or a multisine to show whether the motor is linear there{drops}."
     )
     return [info("two-levels", sentence, parameters=("gain",))]
 
