@@ -252,20 +252,21 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
 
 
 def _friction_not_found(data: Sequence[Dataset]) -> Finding:
-    as_well = "A model without Coulomb friction explains these data equally well."
+    """What to say of a model without friction, by what the levels of the input could show of it."""
+    as_well, code = "A model without Coulomb friction explains these data equally well.", "friction-not-found"
     if has_one_magnitude(data):
         sentence = (
             f"{as_well} Under one level both ways only the reversals tell friction from a smaller gain, and a sensor that is "
             "late or coarse at low speed hides it there: record a second level."
         )
-    elif few_levels(data) is not None:
+        return info(code, sentence, parameters=("gain",))
+    if few_levels(data) is not None:
         sentence = (
             f"{as_well} Under so few levels a few percent of friction look like another gain, which the interval of the gain "
             "allows for where the residual shows that the model isn't exact."
         )
-    else:
-        sentence = "The data show no Coulomb friction: the model without it explains them equally well."
-    return info("friction-not-found", sentence, parameters=("gain",) if has_one_magnitude(data) else ())
+        return info(code, sentence)
+    return info(code, "The data show no Coulomb friction: the model without it explains them equally well.")
 
 
 def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Base, Fit]:
@@ -591,12 +592,8 @@ def _of_base(base: _Base, fit: Fit, causes: Causes) -> Choice:
 
 def _one_up(here: Choice, rung: Rung, refused: Mapping[str, Rung]) -> Choice:
     """The choice with a rung more, and below it the one without, which says that the rung was left out."""
-    open_ = (
-        "it can't be told from a delay"
-        if rung.term == "winding"
-        else "neither its size nor the gain would be known"
-    )
-    lost = replace(rung, doubt=open_)
+    from_delay, open_as_well = "it can't be told from a delay", "neither its size nor the gain would be known"
+    lost = replace(rung, doubt=from_delay if rung.term == "winding" else open_as_well)
     stop = stop_finding(here.fit, here.shown, {**refused, rung.term: lost})
     earlier = [f for f in here.findings if "coulomb" not in rung.term or f.code != "friction-not-found"]
     return replace(

@@ -171,21 +171,22 @@ def _minimum(fit: Fit) -> Minimum:
 def _finding(fit: Fit, theta: Array) -> Finding:
     """What the other weighing, which leads to theta (P,), makes of gain and time constant, of those that are known."""
     value = dict(zip(fit.model.names, theta, strict=True))
-    sds = dict(zip(fit.model.names, np.sqrt(np.diag(fit.covariance)), strict=True))
+    symbols = dict(zip(fit.model.names, fit.model.units, strict=True))
     units = {fit.model.names[0]: "", "time_constant": "s"}
     if single_level([record.data for record in fit.records]) is not None:
         del units[fit.model.names[0]]  # it hangs on the friction
-    known = [name for name in units if TWO_SIDED * sds[name] < abs(fit.model[name])]
-    symbols = dict(zip(fit.model.names, fit.model.units, strict=True))
-    words = {name: parameter_in_words(name, symbols[name]) for name in known}
-    texts = {name: instead_of(value[name], fit.model[name], unit=units[name]) for name in known}
+    known = [name for name in units if TWO_SIDED * fit.sd(name) < abs(fit.model[name])]
+    texts = {
+        parameter_in_words(name, symbols[name]): instead_of(value[name], fit.model[name], unit=units[name])
+        for name in known
+    }
     if not known:
         shift = "Fitted as if that were a random torque, the same data give other values; the intervals allow for the difference."
     elif all(text.endswith(SAME) for text in texts.values()):
-        same = " and ".join(f"the {each}" for each in words.values())
+        same = " and ".join(f"the {words}" for words in texts)
         shift = f"If that were a random torque, {same} would be the same to four digits."
     else:
-        both = " and ".join(f"a {words[name]} of {texts[name]}" for name in known)
+        both = " and ".join(f"a {words} of {text}" for words, text in texts.items())
         shift = f"Fitted as if that were a random torque, the same data give {both}; the intervals allow for the difference."
     return info(
         "weighed-twice",

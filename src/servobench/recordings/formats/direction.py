@@ -32,7 +32,7 @@ def with_sign(size: Series, direction: Series) -> tuple[Series, Finding]:
     if signs is None:
         raise UsageError(
             f"`{direction.channel.name}` can't be the sign of `{size.channel.name}`: expected a column of 1 and −1, of 1 and 0, "
-            "or of words such as F and R"
+            "or of words such as F and R, or of one of them throughout"
         )
     channel = replace(
         size.channel,

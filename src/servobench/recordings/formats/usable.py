@@ -31,6 +31,7 @@ _MOST_LEFT_OUT = (
     0.1  # of the samples, for times that go back; more than that is another run, or another column
 )
 _FEW_LEFT_OUT = 0.01  # of the samples: what a logger spoils when it starts tells nothing against the rest
+_MOST_USUAL = 0.5  # of the samples, with one and the same time
 _MOST_ROUNDED = 0.5  # of the samples, with the time of the one before
 _MOST_REPEATED = 0.1  # of those, with another value; a logger that repeats rows has none
 _LONGEST_RECORDING = 1e12  # sample times; thirty years at a kilohertz
@@ -209,14 +210,7 @@ def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.boo
     changed = same & np.isfinite(np.diff(values)) & (np.diff(values) != 0)
     if same.sum() <= _MOST_ROUNDED * len(t) or changed.sum() <= _MOST_REPEATED * same.sum():
         return
-    times, rows = np.unique(t, return_counts=True)
-    usual = float(times[np.argmax(rows)])
-    is_clock = bool(np.all(np.diff(t) >= 0.0))  # one that froze
-    if rows.max() > _MOST_ROUNDED * len(t) and usual > 0.0 and not is_clock:
-        raise FormatError(
-            f"{name}: {int(rows.max())} of the {len(t)} times are {usual:g} s, as of a column with the step from row to row: "
-            f"name the time column with `time=COL:UNIT`, or give the sample time as `sample_time={usual:g}` (in s)"
-        )
+    _check_no_steps(name, t)
     step = mean_step(t)
     about = "SECONDS" if step is None else f"{step.figure:.4g}"
     mean = "" if step is None else f", the mean step, uncertain by {step.resolution:.2g} s"
@@ -224,6 +218,21 @@ def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.boo
         f"{name}: {int(same.sum())} of the {len(t)} samples of `{series.channel.name}` have the same time as the one "
         "before: the times are rounded. If the samples are evenly spaced, give their sample time, about "
         f"`sample_time={about}` (in s){mean}"
+    )
+
+
+def _check_no_steps(name: str, t: Array) -> None:
+    """Raise `FormatError` where most of the times t (N,) [s] are the same, and others are earlier: steps from row to row.
+
+    A clock that froze goes on to one value, and never back.
+    """
+    times, rows = np.unique(t, return_counts=True)
+    usual = float(times[np.argmax(rows)])
+    if rows.max() <= _MOST_USUAL * len(t) or usual <= 0.0 or np.all(np.diff(t) >= 0.0):
+        return
+    raise FormatError(
+        f"{name}: {int(rows.max())} of the {len(t)} times are {usual:g} s, as of a column with the step from row to row: "
+        f"name the time column with `time=COL:UNIT`, or give the sample time as `sample_time={usual:g}` (in s)"
     )
 
 

@@ -20,12 +20,12 @@ _A_PASS = 0.75  # of a pass of the loop: rows as far apart hold whole passes, ho
 @STAGES.member("ema")
 @dataclass(frozen=True, kw_only=True)
 class Ema:
-    """The exponential moving average y[k] = y[k-1] + α (x[k] - y[k-1]), once every pass of a loop, `step_time` [s].
+    """The exponential moving average y[k] = y[k-1] + α (x[k] - y[k-1]), once every pass of a loop with the `period` [s].
 
     In a program: `y += 0.2 * (x - y)`, or `y = 0.8 * y + 0.2 * x`, with the `weight` α of the newest sample between 0 and 1. It
     remembers (1 - α)/α passes. The newest sample counts at once; `lowpass` by `zoh` or `euler` is a sample later. Rows n passes
     apart have the weight 1 - (1 - α)^n, as if the sample had been the newest one for that long.
-    The state starts at zero, and the first output is zero. Raises `UsageError` for a weight outside that range, or a step that
+    The state starts at zero, and the first output is zero. Raises `UsageError` for a weight outside that range, or a period that
     isn't above 0.
     Source: Brown (1959), Statistical Forecasting for Inventory Control.
     """
@@ -34,10 +34,10 @@ class Ema:
     examples: ClassVar[tuple[str, ...]] = ("ema 0.2 every 10 ms", "ema 0.05 every 1 ms")
 
     weight: float
-    step_time: float = field(metadata={"unit": "s"})
+    period: float = field(metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
-        check_positive("the time between two passes of an `ema`", self.step_time, "s")
+        check_positive("the time between two passes of an `ema`", self.period, "s")
         if not 0.0 < self.weight < 1.0:
             raise UsageError(
                 f"an `ema` can't weigh the newest sample by {self.weight:g}; expected a number between 0 and 1, such as 0.2 for "
@@ -52,17 +52,17 @@ class Ema:
         if every != _EVERY:
             what = "the weight of the newest sample and how often the loop computes it"
             raise UsageError(f"`{' '.join(('ema', *arguments))}`: {expectation(what, cls.examples)}")
-        return cls(weight=weight, step_time=quantity_in("s", f"ema {weight:g} {_EVERY}", time, cls.examples))
+        return cls(weight=weight, period=quantity_in("s", f"ema {weight:g} {_EVERY}", time, cls.examples))
 
     @property
     def symbol(self) -> tuple[str, ...]:
-        """Numerator and denominator of the low-pass that remembers as long, with ω = -ln(1 - α)/step, for a diagram."""
-        cutoff = number_text(float(f"{-np.log1p(-self.weight) / self.step_time:.4g}"))
+        """Numerator and denominator of the low-pass that remembers as long, with ω = -ln(1 - α)/period, for a diagram."""
+        cutoff = number_text(float(f"{-np.log1p(-self.weight) / self.period:.4g}"))
         return cutoff, f"s + {cutoff}"
 
     def decay(self, dt: Array) -> Array:
         """Return what is left of the output before, (1 - α)^n, for times dt (N,) [s] since the sample before of n passes each."""
-        passes = dt / self.step_time
+        passes = dt / self.period
         return np.asarray((1.0 - self.weight) ** np.where(passes > _A_PASS, np.rint(passes), passes))
 
     def yields(self, kind: Kind) -> Kind:
@@ -98,7 +98,7 @@ class Ema:
         return self._average(signals, np.diff(t, prepend=t[:1]), 0.0).reshape(x.shape)
 
     def __str__(self) -> str:
-        return f"ema {number_text(self.weight)} {_EVERY} {number_text(self.step_time)} s"
+        return f"ema {number_text(self.weight)} {_EVERY} {number_text(self.period)} s"
 
     def _average(self, x: Array, dt: Array, before: float) -> Array:
         """That of signals (N, P), all with the same output before them."""

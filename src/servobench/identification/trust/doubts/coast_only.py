@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.core.finding import Finding, info, warning
 from servobench.identification.models.level import HARDLY_CONDUCTS
 from servobench.identification.models.motion import smooth_speed
@@ -38,29 +39,36 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 
 
 def _only_coasts(record: Dataset) -> bool:
-    """Whether the input that only falls does so once, to next to zero."""
-    changes = np.flatnonzero(np.diff(record.u)) + 1
-    least = HARDLY_CONDUCTS * float(np.abs(record.u).max(initial=0.0))
-    return int(np.sum(changes >= _FIRST)) == 1 and abs(float(record.u[-1])) <= least
+    """Whether an input that only falls does so once, to next to zero."""
+    levels = _levels(record)
+    return len(levels) == 2 and abs(float(levels[-1])) <= _next_to_zero(record)
 
 
 def _only_slows_down(record: Dataset) -> bool:
     """Whether the input falls towards zero while the speed is steady, and changes nowhere else but in the first rows."""
-    changes = np.flatnonzero(np.diff(record.u)) + 1
-    later = changes[changes >= _FIRST]
-    if not len(later) or record.starts_at_rest:
+    levels, least = _levels(record), _next_to_zero(record)
+    if len(levels) < 2 or record.starts_at_rest:
         return False
-    least = HARDLY_CONDUCTS * float(np.abs(record.u).max(initial=0.0))
-    levels = record.u[np.append(later[0] - 1, later)]
-    falls = np.all(np.diff(np.abs(levels)) < 0.0) and np.all(
-        (levels * levels[0] > 0.0) | (np.abs(levels) <= least)
-    )
+    falls = np.all(np.diff(np.abs(levels)) < 0.0)
+    turns_round = np.any((levels * levels[0] < 0.0) & (np.abs(levels) > least))
     before = [each for each in steady_speeds(record) if abs(each.level) > least]
-    if not falls or not before or before[0].level != levels[0]:
+    if not falls or turns_round or not before or before[0].level != levels[0]:
         return False
     speed = abs(before[0].speed)
     slowest = float(np.abs(smooth_speed(record)[:_FIRST]).min())  # a start under power is another event
     return abs(before[0].change) <= _STEADY * speed and slowest >= _STARTS * speed
+
+
+def _levels(record: Dataset) -> Array:
+    """The levels (L,) of the input from the first rows on, in their order; none where it doesn't change any more."""
+    changes = np.flatnonzero(np.diff(record.u)) + 1
+    later = changes[changes >= _FIRST]
+    return record.u[np.append(later[0] - 1, later)] if len(later) else record.u[:0]
+
+
+def _next_to_zero(record: Dataset) -> float:
+    """The largest duty at which a driver conducts next to never, in the unit of the input."""
+    return HARDLY_CONDUCTS * float(np.abs(record.u).max(initial=0.0))
 
 
 DOUBTS.member("coast_only")(Doubt(codes=("coast-only", "slows-down-only"), about_data=_about))

@@ -43,9 +43,9 @@ def _poor(fit: Fit) -> list[Finding]:
 
 
 def _step_within_ripple(fit: Fit) -> float:
-    """By how much the input changes a speed in all [output unit], where that is no more than what else changes it; else 0.
+    """By how much the input changes a speed [output unit], where a ripple hides that; 0 where it doesn't.
 
-    Of a motor that turns at many times as much all the while.
+    The motor turns much faster all the time, so that the columns may well be the right ones.
     """
     if any(record.data.kind != "speed" for record in fit.records):
         return 0.0

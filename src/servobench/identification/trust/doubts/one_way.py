@@ -59,13 +59,11 @@ def _one_way(fit: Fit) -> list[Finding]:
             "bend of the characteristic looks like that. Record steps between several levels, each until the speed settles."
         )
         return [together, warning("input-hardly-matters", sentence, parameters=("gain", "time_constant"))]
-    low, high = estimate.interval
-    if abs(estimate.value) <= 3 * estimate.sd and low <= 0.0 <= high:
-        return [together]
     constant = _of_constant(fit, name)
     if abs(estimate.value) > 3 * estimate.sd:
         return [together, constant]
-    if constant.code != "offset-negative":
+    low, high = estimate.interval
+    if low <= 0.0 <= high or constant.code != "offset-negative":
         return [together]
     sentence = (
         f"The {name} comes out below zero, {estimate.value:.3g} {estimate.unit}, which friction can't be. Chance does that once "

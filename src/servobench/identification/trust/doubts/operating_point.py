@@ -40,16 +40,16 @@ def _levels(fit: Fit) -> list[Finding]:
     """Whether two points are all that the line through the levels has."""
     records = [record.data for record in fit.records]
     levels = np.unique(np.round(np.concatenate([record.u for record in records]), 9))
-    has = "has"
+    verb = "has"
     if len(levels) == 3 and 0.0 in levels and all(map(_begins_with_a_rest, records)):
         # A shaft that hasn't moved yet shows nothing of its motor.
-        levels, has = levels[levels != 0.0], "drives the motor at"
+        levels, verb = levels[levels != 0.0], "drives the motor at"
     if len(levels) != 2:
         return []
     unit = records[0].input_unit
     drops = " or the driver drops a part of the input" if -levels[0] == levels[1] else ""
     sentence = (
-        f"The input {has} two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, and the "
+        f"The input {verb} two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, and the "
         f"gain is that between them. It takes a staircase or a multisine to show whether the motor is linear there{drops}."
     )
     return [info("two-levels", sentence, parameters=("gain",))]
