@@ -165,6 +165,8 @@ _TABLE = (
         "Warm the motor up, or split the record."),
     FindingCode("friction-depends-on-speed", "Friction depends on the speed (Stribeck).",
         "Use the structure with Stribeck friction."),
+    FindingCode("friction-falls-otherwise", "Friction falls with the speed in another form than the model's.",
+        "The intervals allow for it."),
     FindingCode("friction-found", "Coulomb friction is needed to explain the data and is modelled."),
     FindingCode("friction-grows-with-load", "Friction grows with the load.", "Use the structure with load-dependent friction."),
     FindingCode("friction-in-response", "Coulomb friction distorts the frequency response.",

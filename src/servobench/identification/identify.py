@@ -60,6 +60,7 @@ from servobench.identification.trust.validation import validate
 from servobench.identification.trust.winding import about_winding
 from servobench.identification.uncertainty.changes_between_rows import with_changes_between_rows
 from servobench.identification.uncertainty.curved_valley import with_curved_valley
+from servobench.identification.uncertainty.fall_of_friction import with_fall_of_friction
 from servobench.identification.uncertainty.friction_near_rest import with_friction_near_rest
 from servobench.identification.uncertainty.friction_range import with_friction_range
 from servobench.identification.uncertainty.identifiability import (
@@ -365,7 +366,9 @@ def _with_allowances(
     fit = with_weak_priors(fit) if one_level or friction_spread(fit) > WEAK else fit
     fit = widen_for_disagreement(
         with_small_departures(
-            with_static_friction(with_friction_near_rest(with_one_lag(with_friction_range(fit))))
+            with_static_friction(
+                with_fall_of_friction(with_friction_near_rest(with_one_lag(with_friction_range(fit))))
+            )
         ),
         method,
         allow,

@@ -1,4 +1,4 @@
-"""A winding that warms up, a dead band and play in a gear are in the intervals, as far as the data leave room for them."""
+"""A winding that warms up, a dead band, play and a shaft that twists are in the intervals, as far as the data leave room."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
-from servobench.identification.uncertainty import possible_term
-from servobench.identification.uncertainty.possible_term import possible_covariance
+from servobench.identification.uncertainty.possible_term import possible_covariance, size_before
 from servobench.identification.uncertainty.score_test import ScoreTest
 from servobench.identification.uncertainty.small_departures import with_small_departures
-from tests.datasets import dataset, prbs
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import QUANTUM, dataset, prbs, square
 from tests.rig.motor.reference import Truth, march
 
 GAIN, TAU, COULOMB = 20.0, 0.1, 0.6  # rad/(s·V), s, V
@@ -78,6 +80,42 @@ def driven(seed: int, band: float) -> Fit:
     return fitted(march(Truth(), u - lost, STEP, step=2e-5)[:, 2], u, seed, "first_order_coulomb", 3e-4)
 
 
+def two_masses(seed: int, end: int, both_ways: bool = False) -> Dataset:
+    """Counts of the rotor (`end` 0) or of a load as heavy behind a shaft that twists, exactly, from rest.
+
+    The square wave is 1 V and 3 V, or 2 V both ways.
+    """
+    random = np.random.default_rng(seed)
+    phase = random.random()
+    u = square(np.arange(5000) * 0.002, phase)
+    u = 2.0 * (u - 2.0) if both_ways else u
+    step, state = expm(0.002 * pair()), np.zeros(5)
+    angle = np.empty(len(u))
+    for n, volts in enumerate(u):
+        angle[n] = state[end]
+        state[4] = volts
+        state = step @ state
+    counts = np.floor(angle / QUANTUM + random.random()) + 0.5
+    return replace(
+        dataset(seed=seed, u=u, samples=len(u), y=counts * QUANTUM), quantum=QUANTUM, input_before=0.0
+    )
+
+
+def pair() -> NDArray[np.float64]:
+    """The rates of both angles, both speeds and the held input, halves of one inertia, free resonance at 150 Hz."""
+    natural = 2 * np.pi * 150.0
+    spring, damping = natural**2 / 4, 2 * 0.02 * natural / 4
+    rotor = [-spring, spring, -1 / TAU - damping, damping, GAIN / TAU]
+    load = [spring, -spring, damping, -damping, 0.0]
+    turning = [[0.0, 0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, 0.0]]
+    return np.array([*turning, 2 * np.array(rotor), 2 * np.array(load), np.zeros(5)])
+
+
+def slow_pole() -> float:
+    """The time constant of the pair; its other poles are zero and the resonance."""
+    return float(-1 / sorted(np.linalg.eigvals(pair()[:4, :4]), key=abs)[1].real)
+
+
 def far_off(fits: list[Fit], gain: float) -> int:
     """The number of gains that are off by more than the three standard deviations that a trusted one may be."""
     return sum(abs(fit["gain"].value - gain) > 3.0 * fit["gain"].sd for fit in fits)
@@ -114,6 +152,40 @@ def test_the_line_allows_for_a_dead_band() -> None:
     assert "a dead band" in {line.source for line in with_small_departures(fits[0]).budget}
 
 
+@pytest.mark.parametrize("end", [0, 1], ids=["encoder on the rotor", "encoder on the load"])
+def test_the_line_allows_for_a_shaft_that_twists(end: int) -> None:
+    """Rotor and load swing at 150 Hz, which moves the time constant by a part in 10,000 of itself."""
+    fits = [
+        ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [two_masses(n, end)])
+        for n in range(8)
+    ]
+
+    def far(fit: Fit) -> bool:
+        return abs(fit["time_constant"].value - slow_pole()) > 3.0 * fit["time_constant"].sd
+
+    assert sum(map(far, fits)) >= 2
+    assert not any(far(with_small_departures(fit)) for fit in fits)
+    assert "a shaft that twists" in {line.source for line in with_small_departures(fits[0]).budget}
+
+
+def test_of_a_speed_no_shaft_twists() -> None:
+    """The position's second derivative is what the line goes by."""
+    fit = ESTIMATORS["output_error"].fit(
+        STRUCTURES["first_order_one_way"], [dataset(seed=1, chain="derivative")]
+    )
+
+    assert "a shaft that twists" not in {line.source for line in with_small_departures(fit).budget}
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_shaft_that_twists_is_no_winding(seed: int) -> None:
+    """A second lag of 1.6 ms would fit better, with an output that is 1.6 ms ahead of its input."""
+    result = identify(two_masses(seed, 0, both_ways=True))
+
+    assert result.fit is not None
+    assert result.fit.structure == "first_order"
+
+
 def test_under_one_size_of_input_the_gain_includes_the_dead_band() -> None:
     assert "a dead band" not in {line.source for line in with_small_departures(geared(0, plays=False)).budget}
 
@@ -146,7 +218,18 @@ def test_before_any_data_the_size_has_its_prior() -> None:
 
     added = possible_covariance(test, column)
     assert added == pytest.approx(np.outer(off, off) / 12.0, rel=0.02)  # ¼ · ⅓, on 101 sizes
-    assert pytest.approx(1.0 / 12.0, rel=0.02) == possible_term.BEFORE**2
+    assert pytest.approx(1.0 / 12.0, rel=0.02) == size_before(0.75) ** 2
+
+
+def test_a_term_that_most_motors_have_counts_for_more() -> None:
+    """As above, with one motor of four that hasn't got it: three times the variance."""
+    fit = warmed(2, 0.0)
+    test = ScoreTest(fit, 3.0)
+    column = 1e-6 * np.random.default_rng(1).standard_normal(len(test.innovations))
+
+    assert possible_covariance(test, column, none=0.25) == pytest.approx(
+        3.0 * possible_covariance(test, column)
+    )
 
 
 def test_of_several_forms_the_one_that_the_data_show_counts() -> None:

@@ -93,8 +93,18 @@ def test_the_interval_holds_start_and_stop() -> None:
     assert {line.source for line in with_static_friction(fit).budget} >= {"static friction"}
 
 
-def test_the_result_says_so_and_is_doubtful() -> None:
+def test_the_result_is_that_of_friction_that_falls_with_the_speed() -> None:
+    """A quarter of a volt more holds the shaft than brakes it."""
     result = identify(ramps(0.75))
+
+    assert result.verdict == "trusted"
+    for name, true in (("gain", 10 * GAIN), ("coulomb_voltage", SLIDING), ("stribeck_voltage", 0.25)):
+        low, high = result[name].interval
+        assert low <= true <= high
+
+
+def test_of_a_model_with_one_friction_the_result_says_so_and_is_doubtful() -> None:
+    result = identify(ramps(0.75), structure="first_order_coulomb")
     (found,) = [each for each in result.findings if each.code == "static-friction"]
 
     assert result.verdict == "doubtful"

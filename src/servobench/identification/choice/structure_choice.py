@@ -26,6 +26,7 @@ from servobench.identification.choice.computed_data import about_computed, fit_t
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
     clearly_better,
+    criterion,
     deviance,
     fit_structure,
     shifts_parameters,
@@ -41,6 +42,7 @@ from servobench.identification.choice.structure_ladder.trial import (
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import cost_beside_zero, is_usual
 from servobench.identification.estimators.least_squares import lowest, minimise
+from servobench.identification.estimators.one_sine import is_driven_by_one_sine
 from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.common_parameters import TIME_CONSTANT
@@ -68,6 +70,7 @@ from servobench.recordings.measurement.dataset import Dataset
 _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the winding there is none
 # Terms that hide the others if they are large come first; an arm may need both of the first two before either is determined.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
+_BOTH_WAYS = ("coulomb", "asymmetric")  # frictions of a shaft that turns both ways
 _REST = "rest-found"
 _STICKS = "first_order_coulomb_stribeck"
 _BREAKS_AWAY = 0.5  # of the residual without: what is left where the shaft breaks away
@@ -552,6 +555,7 @@ def _climb(
         return here  # the data determine nothing more about its friction
     if _candidate_terms(here.shown, fit) and _is_damaged(causes, fit):
         return here
+    one_sine = all(map(is_driven_by_one_sine, data))  # under which several terms explain the same
     for _ in range(_RUNGS):
         terms = [
             term
@@ -564,7 +568,12 @@ def _climb(
         rungs = (
             try_rung(method, data, here.plain, here.fit, term, term in significant, allow) for term in terms
         )
-        rung = next((each for each in rungs if not _note_refusal(each, refused)), None)
+        accepted = (each for each in rungs if not _note_refusal(each, refused))
+        rung = (
+            min(accepted, key=lambda each: criterion(each.fit), default=None)
+            if one_sine
+            else next(accepted, None)
+        )
         if rung is None:
             break
         here = _one_up(here, rung, refused)
@@ -625,7 +634,8 @@ def _note_refusal(rung: Rung, refused: dict[str, Rung]) -> bool:
 def _candidate_terms(shown: Sequence[TermScore], fit: Fit) -> list[str]:
     """The rungs to try: those that the data ask for, and all where the fit leaves a colour that nothing explains.
 
-    A score test knows of small terms only: where gravity is large, the model's angle is so wrong that a pull by it means nothing.
+    A score test knows of small terms only: where gravity is large, the model's angle is so wrong that a pull by it means nothing,
+    and under a sine a delay has taken the place of friction that falls with the speed.
     Where a long record is nearly explained, what is missing is small, and the intervals hold it: each trial would take seconds.
     """
     significant = _significant_terms(shown)
@@ -634,8 +644,11 @@ def _candidate_terms(shown: Sequence[TermScore], fit: Fit) -> list[str]:
     ]  # two poles bend all else, and are fitted in no time
     if sum(len(record.data.y) for record in fit.records) >= _LARGE and fit.fit_percent >= _NEARLY_ALL:
         return first
+    falls = ["stribeck"] if any(f"_{friction}" in fit.structure for friction in _BOTH_WAYS) else []
     if not explains_the_colour(fit) or _mostly_disturbance(fit):
-        return list(dict.fromkeys([*first, *_BY_TRIAL, *significant]))
+        return list(dict.fromkeys([*first, *_BY_TRIAL, *significant, *falls]))
+    if all(is_driven_by_one_sine(record.data) for record in fit.records):
+        return list(dict.fromkeys([*significant, *falls]))
     # Friction was looked for before gravity was known, and so in vain.
     return ["coulomb", *significant] if fit.structure == "first_order_gravity" else significant
 

@@ -98,18 +98,31 @@ def _parts(
     if motor.delay > 0:
         share = 1.0 if motor.winding else _ANY_SHARE
         errors.append(share * lag_errors(structure, theta, data, motor.delay).sum(axis=1, keepdims=True))
-    errors += [BEFORE * each[:, :1] for each in excess_errors(structure, [theta], [data])]
+    excess = [BEFORE * each for each in excess_errors(structure, [theta], [data])]
     rounding = count_position(motor, prediction.y, random) - prediction.y
-    columns = np.column_stack([prediction.jacobian, rounding, *errors])
+    columns = np.column_stack([prediction.jacobian, rounding, *errors, *excess])
     if motor.disturbance is None:
         columns = columns / motor.noise
     else:
         columns = whiten(columns, data, structure.sliding(theta, data), motor.disturbance)
-    j, e = columns[:, : len(theta)], columns[:, len(theta) :]
+    j, rounded, e = np.split(columns, [len(theta), len(theta) + 1], axis=1)
     bread = inverse(j.T @ j)
-    shift = (bread @ (j.T @ e))[:shared]
-    scatter = np.outer(shift[:, 0], shift[:, 0]) if motor.disturbance is None else np.zeros((shared, shared))
-    # As much of the errors as the residuals will leave (`estimators.structure_errors`).
-    left = e[:, 1:] - j @ (bread @ (j.T @ e[:, 1:]))
+    shift = (bread @ (j.T @ rounded))[:shared, 0]
+    scatter = np.outer(shift, shift) if motor.disturbance is None else np.zeros((shared, shared))
+    # Each form of an excess friction is as probable as another.
+    widths = excess[0].shape[1] if excess else 0
+    whole = e.shape[1] - widths
+    forms = [np.append(np.arange(whole), whole + n) for n in range(widths)] or [np.arange(whole)]
+    unknown = np.mean([_left_open(j, bread, e[:, form])[:shared, :shared] for form in forms], axis=0)
+    return bread[:shared, :shared], scatter, np.asarray(unknown)
+
+
+def _left_open(j: Array, bread: Array, errors: Array) -> Array:
+    """The covariance (P + Q, P + Q) by errors (N, E) of size one beside a Jacobian, as much of them as the residuals will leave.
+
+    `bread` is (J'J)⁻¹; see `estimators.structure_errors`.
+    """
+    shift = bread @ (j.T @ errors)
+    left = errors - j @ shift
     information = np.eye(left.shape[1]) + left.T @ left
-    return bread[:shared, :shared], scatter, shift[:, 1:] @ np.linalg.solve(information, shift[:, 1:].T)
+    return shift @ np.linalg.solve(information, shift.T)

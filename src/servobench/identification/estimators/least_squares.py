@@ -301,8 +301,8 @@ def descent(
     what may not move stays where it is, even beyond what these records would allow.
     Where steps are refused again and again the valley bends, and each refused one is tried along the next of `Layout.moves`.
     `start` (P + ΣQ,) is in the units of the parameters. Where the quadratic model, hardly damped, foretells a decrease of the
-    cost that is less than `worth`, the search ends. At one of the settled `ends` of other starts, that is returned; far behind
-    one, the search ends unsettled.
+    cost that is less than a part `worth` of it, the search ends. At one of the settled `ends` of other starts, that is returned;
+    far behind one, the search ends unsettled.
     """
     lower, upper = layout.bounds(free)
     moves = np.ones(len(start), dtype=bool) if free is None else free
@@ -314,7 +314,7 @@ def descent(
             return _end_descent(point, None, True, "every parameter is at a bound")
         if ahead.bend <= _ENOUGH**2 * point.cost / layout.samples:
             return _end_descent(point, ahead.change, True, f"converged in {step} steps")
-        if 0.0 <= ahead.foretold < worth and damping <= _HARDLY:
+        if 0.0 <= ahead.foretold < worth * point.cost and damping <= _HARDLY:
             return _end_descent(point, None, True, f"converged in {step} steps")
         reached = ahead.reached
         move = layout.moves[max(refusals - _BENT, 0) % len(layout.moves)]

@@ -26,7 +26,7 @@ def with_neighbours(structure: Structure, data: Sequence[Dataset], minimum: Mini
     if (
         not structure.friction
         or "time_constant" not in names
-        or not all(_is_driven_by_one_sine(each) for each in data)
+        or not all(is_driven_by_one_sine(each) for each in data)
     ):
         return minimum
     ends = [minimum]
@@ -41,6 +41,6 @@ def with_neighbours(structure: Structure, data: Sequence[Dataset], minimum: Mini
 
 
 @keep_with_data
-def _is_driven_by_one_sine(data: Dataset) -> bool:
-    """Whether a record's input is one sine; found once, however many structures are fitted."""
+def is_driven_by_one_sine(data: Dataset) -> bool:
+    """Return whether a record's input is one sine; this is found once, however many structures are fitted."""
     return is_one_sine(data.u)

@@ -24,6 +24,7 @@ from servobench.identification.estimators.prediction_error import (
 from servobench.identification.models.nonlinear.structure import STRIBECK
 from servobench.identification.models.rational import Rational
 from servobench.identification.trust.validation import explains_the_colour
+from servobench.identification.uncertainty.fall_of_friction import OTHER_FALL, other_fall
 from servobench.identification.uncertainty.score_test import ASKED, ScoreTest, Term, TermScore, size_beside
 
 _AS_LIKELY = 3.84  # in χ²: what chance exceeds in 5 % of runs
@@ -190,7 +191,15 @@ def score_terms(fit: Fit) -> tuple[TermScore, ...]:
     largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records)
     if largest == 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
         return ()
-    return tuple(ScoreTest(fit, largest).scores(TERMS))
+    return tuple(ScoreTest(fit, largest).scores(_terms(fit, largest)))
+
+
+def _terms(fit: Fit, largest: float) -> tuple[Term, ...]:
+    """The terms to look for; of a model whose friction falls with the speed, another form of the fall."""
+    if STRIBECK.name not in fit.model.names:
+        return TERMS
+    others = (term for term in TERMS if term.rung != "stribeck")
+    return (other_fall(fit, largest), *others)
 
 
 def beside_torque(shown: Sequence[TermScore]) -> tuple[TermScore, ...]:
@@ -224,7 +233,7 @@ def missing_terms(shown: Sequence[TermScore]) -> list[Finding]:
     """
     reported: dict[str, TermScore] = {}
     alike: dict[str, list[str]] = {}
-    for one in sorted(_strongest(shown).values(), key=lambda each: -each.size):
+    for one in sorted(_strongest(_beside_the_fall(shown)).values(), key=lambda each: -each.size):
         as_likely = not reported or one.size**2 > next(iter(reported.values())).size ** 2 - _AS_LIKELY
         if as_likely or size_beside(one, tuple(reported.values())) > one.term.limit:
             reported[one.term.code] = one
@@ -239,7 +248,7 @@ def with_missing_terms(fit: Fit, shown: Sequence[TermScore]) -> Fit:
     Only what the intervals don't hold already is added, that of the strongest term first: terms that show in the same residual
     are mostly one thing under several names.
     """
-    for one in sorted(_strongest(shown).values(), key=lambda each: -each.size):
+    for one in sorted(_strongest(_beside_the_fall(shown)).values(), key=lambda each: -each.size):
         if len(one.off) != len(fit.model.theta) or not np.isfinite(one.off).all():
             continue
         known = np.isfinite(np.diag(fit.covariance))
@@ -264,6 +273,15 @@ def _within_reach(fit: Fit, off: Array) -> Array:
     ]
     farthest = max((float(abs(off[n] / fit.model.theta[n])) for n in at), default=0.0)
     return off / max(farthest, 1.0)
+
+
+def _beside_the_fall(shown: Sequence[TermScore]) -> list[TermScore]:
+    """The scores without those that don't show beside a friction that falls in another form than the model's, where that shows.
+
+    Such a model is known to have the wrong form; what else shows in the same residual is mostly that.
+    """
+    falls = [one for one in shown if one.term.code == OTHER_FALL and one.size > one.term.limit]
+    return [one for one in shown if one in falls or not falls or size_beside(one, falls) > one.term.limit]
 
 
 def _strongest(shown: Sequence[TermScore]) -> dict[str, TermScore]:

@@ -1,9 +1,10 @@
 """Friction that is larger near rest than at speed (Stribeck 1902), which a constant friction leaves out: a line of the budget.
 
 Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain and friction. The
-excess falls to nothing within a tenth of the largest speed, or within a fifth or a third of it where that is low, and is at most
-half of the Coulomb friction. What it does to the output is exact (`models.near_rest`), how large it is as of any term that a
-motor may have (`possible_term`). Where a random torque stands for something that depends on the motion (`systematic_torque`), the
+excess falls to nothing within some part of the largest speed, from a thirtieth to three tenths, and is at most half of the
+Coulomb friction. What it does to the output is exact (`models.near_rest`), how large it is as of any term that a motor may have
+(`possible_term`), but that three of four motors have it, as nearly every lubricated bearing and gear does (Armstrong-Hélouvry,
+Dupont and Canudas de Wit 1994). Where a random torque stands for something that depends on the motion (`systematic_torque`), the
 data are no judge of its course.
 """
 
@@ -24,9 +25,10 @@ from servobench.identification.uncertainty.systematic_torque import Moving, syst
 from servobench.recordings.measurement.dataset import Dataset
 
 SOURCE: Final = "friction near rest"
-_WIDTHS = (0.1, 0.2, 0.3)  # of the largest speed: where the excess has fallen to nothing
+_WIDTHS = (0.03, 0.1, 0.2, 0.3)  # of the largest speed: where the excess has fallen to nothing
 _LARGEST = 0.5  # of the Coulomb friction: the largest excess at rest
-BEFORE: Final = possible_term.BEFORE * _LARGEST
+_NONE = 0.25  # the chance that a motor has none
+BEFORE: Final = possible_term.size_before(_NONE) * _LARGEST
 """The root mean square of the excess before any data, as a part of the Coulomb friction."""
 
 
@@ -64,7 +66,8 @@ def excess_covariance(fit: Fit) -> Array:
     both = zip(fit.records, errors, strict=True)
     columns = np.concatenate([in_innovations(fit, record, each) for record, each in both])
     doubt = systematic_share(fit)
-    return possible_term.possible_covariance(ScoreTest(fit, 1.0), *(_LARGEST * columns.T), doubt=doubt)
+    forms = _LARGEST * columns.T
+    return possible_term.possible_covariance(ScoreTest(fit, 1.0), *forms, none=_NONE, doubt=doubt)
 
 
 def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence[Dataset]) -> list[Array]:

@@ -1,8 +1,8 @@
 """The additional covariance for a term of unknown size that a motor may have and its model lacks.
 
-Its size s is one for all records. Before the data it is zero with a chance of three quarters, else anything up to a largest one,
-all sizes being alike probable. It moves the parameters by s B c, c the derivative of the innovations by s and B = (J'J)⁻¹ J', so
-that the covariance has more
+Its size s is one for all records. Before the data it is zero with some chance, three quarters for most terms, else anything up
+to a largest one, all sizes being alike probable. It moves the parameters by s B c, c the derivative of the innovations by s and
+B = (J'J)⁻¹ J', so that the covariance has more
 
     B c c' B' E[s²]
 
@@ -20,17 +20,24 @@ from servobench.core.channels import Array
 from servobench.identification.estimators.covariance import andrews_lag, long_run
 from servobench.identification.uncertainty.score_test import ScoreTest
 
-_NONE = 0.75  # the chance that there is none
+USUALLY_NONE: Final = 0.75
+"""The chance, before any data, that a motor doesn't have a term."""
 _SIZES = np.linspace(0.0, 1.0, 101)  # of the largest
-BEFORE: Final = float(np.sqrt((1.0 - _NONE) * np.mean(_SIZES**2)))
-"""The root mean square of the size before any data, as a part of the largest."""
 _NOTHING = 1e-20  # of a column's power: what is left of one that the Jacobian explains is rounding error
 
 
-def possible_covariance(test: ScoreTest, *forms: Array, doubt: float = 0.0) -> Array:
+def size_before(none: float) -> float:
+    """Return the root mean square of the size before any data, as a part of the largest; `none` is the chance of no such term."""
+    return float(np.sqrt((1.0 - none) * np.mean(_SIZES**2)))
+
+
+def possible_covariance(
+    test: ScoreTest, *forms: Array, none: float = USUALLY_NONE, doubt: float = 0.0
+) -> Array:
     """Return the covariance (P, P) added by a term; its possible `forms` (N,) are what the innovations have of the largest.
 
-    With `doubt` (0 to 1) the innovations are no judge of it, and there is such a term: 1 leaves all sizes alike.
+    `none` is the chance, before the data, that there is no such term. With `doubt` (0 to 1) the innovations are no judge of it,
+    and there is such a term: 1 leaves all sizes alike.
     """
     shared = len(test.fit.model.theta)
     rests = [(column, column - test.basis @ (test.basis.T @ column)) for column in forms]
@@ -38,7 +45,7 @@ def possible_covariance(test: ScoreTest, *forms: Array, doubt: float = 0.0) -> A
     added = np.zeros((shared, shared))
     if not visible_forms:
         return added
-    none = (1.0 - doubt) * _NONE
+    none *= 1.0 - doubt
     logarithms = (1.0 - doubt) * np.array(
         [_log_likelihood(rest, test.innovations) for _, rest in visible_forms]
     )

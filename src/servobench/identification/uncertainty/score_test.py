@@ -45,8 +45,8 @@ _AT_ONCE = (
 class Motion:
     """The motion at the same times: input and speed over their largest values, position, and the elapsed part of the record.
 
-    `gone` runs from -1 to 1; the position is in its own unit, and `fastest` is the largest speed in that unit per second; `load`
-    is what gravity takes by the model, over its largest value.
+    `gone` runs from -1 to 1; the position is in its own unit, `fastest` is the largest speed in that unit per second, and
+    `acceleration` is in that unit per second squared; `load` is what gravity takes by the model, over its largest value.
     """
 
     input: Array
@@ -54,6 +54,7 @@ class Motion:
     position: Array
     gone: Array
     load: Array
+    acceleration: Array
     fastest: float
 
     @cached_property
@@ -363,6 +364,7 @@ class _Run:
             position=position,
             load=load / (float(load.max(initial=0.0)) or 1.0),
             gone=2 * (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1,
+            acceleration=np.gradient(speed, t) if len(t) > 1 else np.zeros(len(t)),
             fastest=top,
         )
 

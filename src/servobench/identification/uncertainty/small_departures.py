@@ -18,9 +18,12 @@ has its own line (`friction_near_rest`).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.rounding import plain as number
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.level import HARDLY_CONDUCTS
@@ -34,10 +37,12 @@ _TYPICAL_BAND = 0.03  # of the largest input: whose effect counts, as that isn't
 _ONE_SIZE = 0.03  # of the largest input: sizes that lie nearer than that are one
 _FREE = 0.9  # of what the winding brakes a motor with is missing where a driver lets go of it; the bearings still brake
 _TYPICAL = 0.5  # of the largest play, for the same reason
+_RESONANCE = 2 * np.pi * 100.0  # rad/s: a lower one shows as an oscillation
+_ABOVE = 30.0  # over the time constant: a resonance is as much faster than a motor, for it to be one mass in the main
 
 
 def with_small_departures(fit: Fit) -> Fit:
-    """Return the fit with lines of its budget for a warmer winding, a dead band, a driver that lets go, and play in a gear.
+    """Return the fit with lines of its budget: a warmer winding, a dead band, a driver that lets go, play, a shaft that twists.
 
     The same where the model isn't first order, or nothing is left over.
     """
@@ -46,28 +51,36 @@ def with_small_departures(fit: Fit) -> Fit:
     if not (known and largest > 0 and np.isfinite(fit.residual_sd) and fit.residual_sd > 0):
         return fit
     test = ScoreTest(fit, largest)
-    warming = _WARMER / SMALL * _columns(test, _warming(fit.model["gain"], largest))
-    lines = [(warming, "a motor that warms up", "the winding may become warmer by 25 K within the record")]
-    if _sizes_differ(fit, largest):
-        lost = _BAND / SMALL * _columns(test, _dead_band(fit))
-        lines.append((lost, "a dead band", "the amplifier may lose up to 5 % of the largest input near zero"))
-    if any(np.any(np.abs(record.data.u) <= HARDLY_CONDUCTS * largest) for record in fit.records):
-        let_go = _FREE / SMALL * _columns(test, _free_wheel(fit.model["gain"], largest))
-        lines.append(
-            (
-                let_go,
-                "a driver that lets go",
-                "the driver may let go of the motor under next to no input, and not brake it",
-            )
-        )
-    if all(record.data.position_unit == "rad" for record in fit.records):
-        played = _columns(test, _PLAYING) / _TYPICAL
-        lines.append((played, "play", "a gear may have play of up to half a degree"))
-    for column, source, reason in lines:
-        added = possible_covariance(test, column) if np.isfinite(column).all() else np.zeros((0, 0))
+    for forms, source, reason in _departures(test, largest):
+        finite = all(np.isfinite(column).all() for column in forms)
+        added = possible_covariance(test, *forms) if finite else np.zeros((0, 0))
         if added.any():
             fit = fit.widen(Contribution(source=source, covariance=added, reason=reason))
     return fit
+
+
+def _departures(test: ScoreTest, largest: float) -> Iterator[tuple[tuple[Array, ...], str, str]]:
+    """The largest that each departure may be in the innovations, a column (N,) for each of its forms; its source and reason."""
+    fit = test.fit
+    gain, tau = fit.model["gain"], fit.model["time_constant"]
+    warming = _WARMER / SMALL * _columns(test, _warming(gain, largest))
+    yield (warming,), "a motor that warms up", "the winding may become warmer by 25 K within the record"
+    if _sizes_differ(fit, largest):
+        lost = _BAND / SMALL * _columns(test, _dead_band(fit))
+        yield (lost,), "a dead band", "the amplifier may lose up to 5 % of the largest input near zero"
+    if any(np.any(np.abs(record.data.u) <= HARDLY_CONDUCTS * largest) for record in fit.records):
+        let_go = _FREE / SMALL * _columns(test, _free_wheel(gain, largest))
+        reason = "the driver may let go of the motor under next to no input, and not brake it"
+        yield (let_go,), "a driver that lets go", reason
+    if all(record.data.position_unit == "rad" for record in fit.records):
+        played = _columns(test, _PLAYING) / _TYPICAL
+        yield (played,), "play", "a gear may have play of up to half a degree"
+    if tau > 0 and all(record.data.kind == "position" for record in fit.records):
+        resonance = max(_RESONANCE, _ABOVE / tau)
+        twisted = _columns(test, _TWISTING) / resonance**2
+        hertz = number(resonance / (2 * np.pi), 2)
+        reason = f"the shaft may twist, with a resonance at {hertz} Hz or higher"
+        yield (twisted, -twisted), "a shaft that twists", reason
 
 
 def _columns(test: ScoreTest, term: Term) -> Array:
@@ -121,4 +134,10 @@ def _dead_band(fit: Fit) -> Term:
     return Term(code="dead-zone", name="a dead band", sentence="", to_input=loss)
 
 
+_TWISTING = Term(
+    code="resonance",
+    name="a shaft that twists",
+    sentence="",
+    to_output=lambda motion: (motion.acceleration,),
+)
 _PLAYING = Term(code="backlash", name="play", sentence="", to_output=_behind_a_gap)

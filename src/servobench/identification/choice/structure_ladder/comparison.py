@@ -74,6 +74,12 @@ def worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit, among: int) -
     return worth * float(np.log(before / richer.cost)) > needed
 
 
+def criterion(fit: Fit) -> float:
+    """Return Schwarz's criterion (1978) of a fit's innovations, but for a constant: the lower, the likelier."""
+    samples = sum(int(record.valid.sum()) for record in fit.records)
+    return deviance(fit) + len(fit.vector) * float(np.log(samples))
+
+
 def deviance(fit: Fit) -> float:
     """Return -2 ln of the likelihood of a fit's innovations, but for a constant: Σ e²/s² + 2 ln s over the samples."""
     total = 0.0

@@ -16,7 +16,8 @@ from servobench.identification.choice.structure_ladder.comparison import devianc
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.delay_prior import is_usual
-from servobench.identification.estimators.least_squares import lowest
+from servobench.identification.estimators.least_squares import lowest, minimise
+from servobench.identification.estimators.one_sine import is_driven_by_one_sine
 from servobench.identification.estimators.output_error import fit_minimum_roughly
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.motion import smooth_speed, turns_between_rows
@@ -30,6 +31,7 @@ _TWO_COMPONENTS = 2.448  # standard deviations: √χ² of two degrees of freedo
 _SELDOM = 2.0  # % of the samples, of which a few may be wrong
 _LITTLE = 0.1  # of twice the logarithm of a likelihood, of which a rung needs 15 and more
 _CHANCE = 0.05  # of the runs without a term, in which it seems likely enough to be worth a word
+_FALLS = ((1.0, 1.0), (1.0, 0.3), (0.5, 1.0))  # of its size and of the speed over which it falls
 _AT_LIMIT = "it drives a parameter to the limit of its range"
 _WITH_WINDING = {
     "first_order": "second_order",
@@ -95,10 +97,9 @@ def try_rung(
             term=term, plain=plain, fit=fit, doubt="the shaft turns by more than half a turn from row to row"
         )
     try:
-        starts = (embed(plain, structure, data), *structure.guesses(data))
-        # The valley of two factors goes on for long, and hardly down.
-        worth = _LITTLE * _one_unit(plain) if term == "stribeck" else 0.0
-        nearest = lowest(structure, data, starts, worth=worth)
+        starts = [*_from_below(term, plain, structure, data), *structure.guesses(data)]
+        # A valley may go on for long, and hardly down, above all beside a random torque.
+        nearest = lowest(structure, data, starts, worth=_LITTLE / _white_samples(plain))
         if not worth_it(nearest, data, plain, among=len(TERMS)):
             return Rung(term=term, plain=plain, fit=fit, doubt="no better fit")
         if method is ESTIMATORS["output_error"]:
@@ -124,10 +125,9 @@ def try_rung(
     return Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
 
 
-def _one_unit(plain: Fit) -> float:
-    """The change of a fit's sum of squares that changes twice the logarithm of its likelihood by 1, its colour allowed for."""
-    residuals = [record.residual[record.valid] for record in plain.records]
-    return sum(float(r @ r) for r in residuals) / sum(map(effective_samples, residuals))
+def _white_samples(plain: Fit) -> float:
+    """The number of samples of white noise that a fit's residuals are worth."""
+    return sum(effective_samples(record.residual[record.valid]) for record in plain.records)
 
 
 def _early_doubt(term: str, is_significant: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
@@ -165,12 +165,22 @@ def _doubt(term: str, is_significant: bool, richer: Fit, allowed: Fit, fit: Fit)
         return "friction would drive the motor"
     if not is_usual(allowed) and is_usual(fit):
         return "it takes a delay that is rare"
+    if term == "winding" and _is_ahead(allowed) and not _is_ahead(fit):
+        return "it has the output ahead of the input"
     if term == "stribeck" and _is_never_slow(allowed):
         return "the shaft never turns as slowly as such a friction takes"
     value, sd = amount(term, allowed)
     if not sd < 0.5 * value and not (is_significant and shifts_parameters(allowed, fit)):
         return f"its size isn't significantly different from zero ({number(value, 2)} ± {number(TWO_SIDED * sd, 1)})"
     return ""
+
+
+def _is_ahead(fit: Fit) -> bool:
+    """Whether a fit's delay is below zero for certain: of the winding, which lags, that is the opposite."""
+    if "delay" not in fit.model.names:
+        return False
+    delay = fit["delay"]
+    return delay.value + TWO_SIDED * delay.sd < 0.0
 
 
 def _is_never_slow(fit: Fit) -> bool:
@@ -265,6 +275,27 @@ def amount(term: str, fit: Fit) -> tuple[float, float]:
         return value, np.inf
     variance = float(slope[concerned] @ covariance @ slope[concerned])
     return value, float(np.sqrt(max(variance, 0.0)))
+
+
+def _from_below(term: str, plain: Fit, structure: Structure, data: Sequence[Dataset]) -> list[Array]:
+    """Start vectors (P + ΣQ,) of a rung from the simpler fit.
+
+    Under one sine a delay has taken the place of friction that falls with the speed, in a minimum of its own: one leaves it by
+    holding such a friction, of several sizes, while all else approaches it.
+    """
+    start = embed(plain, structure, data)
+    if term != "stribeck" or not all(map(is_driven_by_one_sine, data)):
+        return [start]
+    names = [parameter.name for parameter in structure.parameters]
+    at = [names.index(name) for name in ("stribeck_voltage", "stribeck_speed")]
+    free = np.ones(len(start), dtype=bool)
+    free[at] = False
+    starts = []
+    for factors in _FALLS:
+        beside = start.copy()
+        beside[at] *= factors
+        starts.append(minimise(structure, data, beside, free).theta)
+    return starts
 
 
 def embed(plain: Fit, structure: Structure, data: Sequence[Dataset]) -> Array:
