@@ -3,8 +3,8 @@
 Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain and friction. The
 excess falls to nothing within some part of the largest speed, from a thirtieth to three tenths, and is at most half of the
 Coulomb friction. What it does to the output is exact (`models.near_rest`), how large it is as of any term that a motor may have
-(`possible_term`), but that three of four motors have it, as nearly every lubricated bearing and gear does (Armstrong-Hélouvry,
-Dupont and Canudas de Wit 1994). Where a random torque stands for something that depends on the motion (`systematic_torque`), the
+(`possible_term`), but that every second motor has it: most lubricated bearings and gears do (Armstrong-Hélouvry, Dupont and
+Canudas de Wit 1994). Where a random torque stands for something that depends on the motion (`systematic_torque`), the
 data are no judge of its course.
 """
 
@@ -27,7 +27,7 @@ from servobench.recordings.measurement.dataset import Dataset
 SOURCE: Final = "friction near rest"
 _WIDTHS = (0.03, 0.1, 0.2, 0.3)  # of the largest speed: where the excess has fallen to nothing
 _LARGEST = 0.5  # of the Coulomb friction: the largest excess at rest
-_NONE = 0.25  # the chance that a motor has none
+_NONE = 0.5  # the chance that a motor has none
 BEFORE: Final = possible_term.size_before(_NONE) * _LARGEST
 """The root mean square of the excess before any data, as a part of the Coulomb friction."""
 
