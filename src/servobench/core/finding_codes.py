@@ -533,6 +533,8 @@ _TABLE = (
         "Find what held the loop up, or raise `limits.watchdog.timeout`."),
     FindingCode("waveform-times", "The times follow from the waveform's start and step."),
     FindingCode("weighed-twice", "The intervals allow for an error of the model."),
+    FindingCode("weight-by-speed", "What the model misses follows the angle, as by an arm's weight.",
+        "Record the position of the arm, not its speed."),
     FindingCode("winding-found", "The winding's lag is needed and is modelled."),
     FindingCode("window-too-short", "A window of the chain is shorter than the sample time.", "Declare the chain as it was."),
     FindingCode("wish-not-reached", "The run ended before the target interval was reached.",

@@ -43,6 +43,7 @@ from tests.identification.trust.test_one_level_each import fit_of_levels
 from tests.identification.trust.test_sensor_zero import fit_with_zero
 from tests.identification.trust.test_small_swing import fit_of_swings
 from tests.identification.trust.test_start_held import fit_of as fit_of_held_start
+from tests.identification.trust.test_weight_by_speed import fit_of_arm
 from tests.identification.uncertainty.test_static_friction import fit_of_ramps
 from tests.rig.motor.reference import Truth
 
@@ -282,6 +283,7 @@ EXAMPLES = (
         raised=lambda: identify(sound().part(0.0, 0.005)).findings,
         absent=lambda: identify(sound(samples=2000)).findings,
     ),
+    _example("weight-by-speed", lambda: fit_of_arm(0.5), lambda: fit_of_arm(0.0)),
     _example("offset-found", lambda: _one_way(0.0)),
     _example("offset-negative", lambda: _one_way(1.0), lambda: _one_way(0.0)),
     _example("output-limited", lambda: _speed_up_to(35.0), lambda: _speed_up_to(100.0)),

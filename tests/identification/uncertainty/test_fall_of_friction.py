@@ -61,15 +61,6 @@ def test_the_line_says_what_it_is_for() -> None:
     assert line.freedom == np.inf
 
 
-def test_where_the_data_show_the_form_the_line_adds_little() -> None:
-    """With a tenth of the noise."""
-    fits = [fitted(seed, EXPONENTIAL, noise=0.1 * NOISE) for seed in (0, 1, 2, 3)]
-
-    wider = [with_fall_of_friction(fit)["gain"].sd / fit["gain"].sd for fit in fits]
-
-    assert float(np.sqrt(np.mean(np.square(wider)))) < 1.33
-
-
 @pytest.mark.parametrize("structure", ["first_order", "first_order_coulomb"])
 def test_a_model_without_such_a_friction_has_no_such_line(structure: str) -> None:
     fit = fitted(1, EXPONENTIAL, structure)

@@ -232,6 +232,24 @@ def test_a_term_that_most_motors_have_counts_for_more() -> None:
     )
 
 
+def test_a_size_that_the_data_show_to_be_none_is_as_uncertain_as_their_noise() -> None:
+    """A column of 10,000 noises of which there is nothing: its size is half a normal number of that standard deviation."""
+    fit = warmed(3, 0.0)
+    test = ScoreTest(fit, 3.0)
+    column = np.random.default_rng(2).standard_normal(len(test.innovations))
+    column -= test.basis @ (test.basis.T @ column)
+    column *= 1e4 / np.linalg.norm(column)
+    (record,) = fit.records
+    without = record.innovations - column * (column @ record.innovations) / 1e8
+    test = ScoreTest(replace(fit, records=(replace(record, innovations=without),)), 3.0)
+    hidden = column + test.basis[:, 0]  # what the parameters can have as well
+
+    off = test.joint_shift(hidden)[: len(fit.model.theta)]
+
+    added = possible_covariance(test, hidden, none=0.0)
+    assert added == pytest.approx(np.outer(off, off) / 1e8, rel=0.05)
+
+
 def test_of_several_forms_the_one_that_the_data_show_counts() -> None:
     """One that is there at half of its largest size, 40 standard deviations, beside one that isn't."""
     fit = warmed(3, 0.0)

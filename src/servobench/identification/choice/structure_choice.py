@@ -576,10 +576,28 @@ def _climb(
         )
         if rung is None:
             break
+        if rung.term == "stribeck" and here.rung is not None and here.rung.term == "asymmetric":
+            here, rung = _without_asymmetry(method, data, here, rung, allow)
         here = _one_up(here, rung, refused)
     hidden = [each.hidden for each in refused.values() if each.hidden]
     stop = stop_finding(here.fit, here.shown, refused)
     return replace(here, findings=(*here.findings, stop, *hidden))
+
+
+def _without_asymmetry(
+    method: Estimator, data: Sequence[Dataset], here: Choice, rung: Rung, allow: Callable[[Fit], Fit]
+) -> tuple[Choice, Rung]:
+    """The place below the rung for each direction, and friction that falls tried from there, if both directions then are alike.
+
+    Friction that differs by direction was tried first, and made up for friction that falls with the speed.
+    """
+    if here.below is None:
+        return here, rung
+    below = replace(here.below, findings=here.below.findings[:-1])
+    alike = try_rung(method, data, below.plain, below.fit, "stribeck", True, allow)
+    if alike.doubt or criterion(alike.fit) > criterion(rung.fit):
+        return here, rung
+    return below, alike
 
 
 def _shows_directions(data: Sequence[Dataset]) -> bool:

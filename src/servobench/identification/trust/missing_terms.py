@@ -39,10 +39,8 @@ def _of_input(shown: TermScore, what: str, times: float = 1.0) -> str:
 
 
 def _stribeck_sized(shown: TermScore) -> str:
-    """Nothing of a model that has such a friction already: it has another course, and more or less of it says nothing."""
-    if STRIBECK.name in shown.fit.model.names:
-        return ""
-    return _of_input(shown, f"{'more' if shown.braking > 0 else 'less'} at rest than at speed")
+    """Nothing of less friction at rest than at speed, which no bearing has: it is something else that looks like it."""
+    return _of_input(shown, "more at rest than at speed") if shown.braking > 0 else ""
 
 
 def _drag_sized(shown: TermScore) -> str:

@@ -23,6 +23,7 @@ from servobench.identification.uncertainty.score_test import ScoreTest
 USUALLY_NONE: Final = 0.75
 """The chance, before any data, that a motor doesn't have a term."""
 _SIZES = np.linspace(0.0, 1.0, 101)  # of the largest
+_FAR = 6.0  # standard deviations of a size beyond the likeliest: none is larger
 _NOTHING = 1e-20  # of a column's power: what is left of one that the Jacobian explains is rounding error
 
 
@@ -46,21 +47,26 @@ def possible_covariance(
     if not visible_forms:
         return added
     none *= 1.0 - doubt
-    logarithms = (1.0 - doubt) * np.array(
-        [_log_likelihood(rest, test.innovations) for _, rest in visible_forms]
-    )
+    each = [_sizes(rest, test.innovations, doubt) for _, rest in visible_forms]
+    sizes, logarithms = np.array([one[0] for one in each]), np.array([one[1] for one in each])
     highest = float(logarithms.max())
-    likely = (1.0 - none) / logarithms.size * np.exp(logarithms - highest)
+    likely = (1.0 - none) / logarithms.size * sizes[:, -1:] * np.exp(logarithms - highest)
     likely /= none * np.exp(-highest) + float(likely.sum())
-    for (column, _), each in zip(visible_forms, likely, strict=True):
+    for (column, _), size, odds in zip(visible_forms, sizes, likely, strict=True):
         off = test.joint_shift(column)[:shared]
-        added += float(each @ _SIZES**2) * np.outer(off, off)
+        added += float(odds @ size**2) * np.outer(off, off)
     return added
 
 
-def _log_likelihood(rest: Array, innovations: Array) -> Array:
-    """What the innovations (N,) say of each size of a column (N,), over none of it; where they are coloured, that is less."""
+def _sizes(rest: Array, innovations: Array, doubt: float) -> tuple[Array, Array]:
+    """Sizes of a column (N,), as far as there is any chance of one, and what the innovations (N,) say of each, over none of it.
+
+    Where they are coloured, they say less.
+    """
     power = float(rest @ rest)
     score = (rest * innovations)[:, None]
     colour = max(1.0, float(long_run(score, andrews_lag(score))[0, 0]) / power)
-    return np.asarray((float(score.sum()) * _SIZES - 0.5 * power * _SIZES**2) / colour, dtype=np.float64)
+    total, weight = float(score.sum()), (1.0 - doubt) / colour
+    spread = 1.0 / np.sqrt(power * weight) if weight > 0 else np.inf
+    sizes = min(1.0, max(total / power, 0.0) + _FAR * spread) * _SIZES
+    return sizes, np.asarray(weight * (total * sizes - 0.5 * power * sizes**2), dtype=np.float64)

@@ -349,7 +349,8 @@ class _Run:
         data, t = self.record.data, self.plain.t_input
         if data.kind == "speed":
             speed = np.interp(t, data.t_output, self.record.prediction)
-            steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+            measured = np.interp(t, data.t_output, data.y)  # the model's would be off by more with each turn
+            steps = 0.5 * (measured[1:] + measured[:-1]) * np.diff(t)
             position = np.concatenate([[0.0], np.cumsum(steps)])
         else:
             position = np.interp(t, data.t_output, self.record.prediction)

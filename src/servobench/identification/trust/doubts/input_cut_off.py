@@ -64,7 +64,8 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     stretches = [speed[a:b] for a, b in zip(first[some], after[some], strict=True)]
     top = float(np.percentile(np.abs(speed), 99))
     means = [_means(each) for each in stretches]
-    rises, noise = np.array([_rise(each) for each in means]), _noise(stretches, means)
+    rises = np.array([_rise(each) for each in means])
+    noise = max(_noise(stretches, means), _count_noise(data, stretches))
     plainly = np.array([_turns_round(each, _PLAINLY * top) for each in stretches])
     if np.any(plainly & (rises > _BEYOND_NOISE * noise)):
         return True
@@ -102,6 +103,13 @@ def _means(speed: Array) -> Array:
 def _rise(means: Array) -> float:
     """By how much the largest of a stretch's means lies above the first and the last."""
     return float(means.max() - max(means[0], means[-1]))
+
+
+def _count_noise(data: Dataset, stretches: Sequence[Array]) -> float:
+    """The standard deviation that whole counts give the mean speed of a stretch's part: a count more or less in its time."""
+    rows = min(max(len(each) // _PARTS, 1) for each in stretches)
+    counted = data.quantum if data.kind == "position" and data.quantum else 0.0
+    return float(counted / (np.sqrt(6.0) * rows * data.sample_time))
 
 
 def _noise(stretches: Sequence[Array], means: Sequence[Array]) -> float:
