@@ -113,11 +113,11 @@ def _parts(
     widths = excess[0].shape[1] if excess else 0
     whole = e.shape[1] - widths
     forms = [np.append(np.arange(whole), whole + n) for n in range(widths)] or [np.arange(whole)]
-    unknown = np.mean([_left_open(j, bread, e[:, form])[:shared, :shared] for form in forms], axis=0)
+    unknown = np.mean([_unknown_part(j, bread, e[:, form])[:shared, :shared] for form in forms], axis=0)
     return bread[:shared, :shared], scatter, np.asarray(unknown)
 
 
-def _left_open(j: Array, bread: Array, errors: Array) -> Array:
+def _unknown_part(j: Array, bread: Array, errors: Array) -> Array:
     """The covariance (P + Q, P + Q) by errors (N, E) of size one beside a Jacobian, as much of them as the residuals will leave.
 
     `bread` is (J'J)⁻¹; see `estimators.structure_errors`.

@@ -25,9 +25,10 @@ from servobench.identification.uncertainty.systematic_torque import Moving, syst
 from servobench.recordings.measurement.dataset import Dataset
 
 SOURCE: Final = "friction near rest"
-_WIDTHS = (0.03, 0.1, 0.2, 0.3)  # of the largest speed: where the excess has fallen to nothing
+_WIDTHS = (0.1, 0.2, 0.3)  # of the largest speed: where the excess has fallen to nothing
+_NARROW = 0.03  # the same of one that only a start or a reversal shows
+_NONE, _NONE_NARROW = 0.5, 0.7  # the chances that a motor hasn't the one or the other
 _LARGEST = 0.5  # of the Coulomb friction: the largest excess at rest
-_NONE = 0.5  # the chance that a motor has none
 BEFORE: Final = possible_term.size_before(_NONE) * _LARGEST
 """The root mean square of the excess before any data, as a part of the Coulomb friction."""
 
@@ -67,7 +68,9 @@ def excess_covariance(fit: Fit) -> Array:
     columns = np.concatenate([in_innovations(fit, record, each) for record, each in both])
     doubt = systematic_share(fit)
     forms = _LARGEST * columns.T
-    return possible_term.possible_covariance(ScoreTest(fit, 1.0), *forms, none=_NONE, doubt=doubt)
+    test = ScoreTest(fit, 1.0)
+    wide = possible_term.possible_covariance(test, *forms[:-1], none=_NONE, doubt=doubt)
+    return wide + possible_term.possible_covariance(test, forms[-1], none=_NONE_NARROW, doubt=doubt)
 
 
 def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence[Dataset]) -> list[Array]:
@@ -86,6 +89,8 @@ def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence
         return []
     return [
         coulomb
-        * np.column_stack([structure.by_excess_friction(theta, record, width * top) for width in _WIDTHS])
+        * np.column_stack(
+            [structure.by_excess_friction(theta, record, width * top) for width in (*_WIDTHS, _NARROW)]
+        )
         for theta, record in both
     ]

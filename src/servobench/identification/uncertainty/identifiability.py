@@ -23,6 +23,7 @@ from servobench.identification.models.level import single_level
 from servobench.identification.models.steady import SETTLED, longest_time_constant, speeds_by_level
 
 _SAMPLED = 10.0  # samples in a time constant: more wouldn't tell it any better
+_MOSTLY = 0.5  # of a variance
 _KNOWN = 0.5  # of the value: half-width of a 95 % interval up to which a parameter is known
 _TOGETHER = 0.5  # the same of a combination
 _BETTER = 3.0  # times: a combination known so much better is what the record tells
@@ -165,8 +166,18 @@ def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:
     if name == "delay" and _is_no_delay(fit, estimate):
         return False
     if name == "delay" or name in _FRICTION + _GRAVITY:
-        return estimate.half_width <= max(_KNOWN * abs(estimate.value), _SMALL * _size(fit, name))
+        small = 0.0 if _hangs_on_lag(fit, name) else _SMALL * _size(fit, name)
+        return estimate.half_width <= max(_KNOWN * abs(estimate.value), small)
     return True
+
+
+def _hangs_on_lag(fit: Fit, name: str) -> bool:
+    """Whether a friction is mostly as uncertain as it is because nobody knows the time constant, as behind a ramp."""
+    if name == "delay" or "time_constant" not in fit.model.names or is_known(fit["time_constant"]):
+        return False
+    n, lag = fit.model.names.index(name), fit.model.names.index("time_constant")
+    both = fit.covariance[n, n] * fit.covariance[lag, lag]
+    return bool(fit.covariance[n, lag] ** 2 > _MOSTLY * both) if np.isfinite(both) else False
 
 
 def _is_no_delay(fit: Fit, estimate: Estimate) -> bool:
