@@ -17,6 +17,7 @@ from servobench.identification.trust.doubts.input_late import _around_changes, _
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
+from tests.rig.motor.odd_motor import OddMotor, marched
 
 ROWS = 20000  # of a controller, 2 ms apart
 EVERY = 100  # of them one is kept, 0.2 s: twice the time constant
@@ -154,3 +155,16 @@ def test_what_follows_a_change_against_its_direction_is_not_ahead_of_it() -> Non
     fit = fit_with_usual_delay(50)
     against = tuple(replace(record, residual=-record.residual) for record in fit.records)
     assert doubts(replace(fit, records=against)) == []
+
+
+@pytest.mark.parametrize("bits", [0, 8])
+def test_an_input_that_changes_gradually_has_no_times_of_change(bits: int) -> None:
+    """A sine, exact or in the steps of a PWM: it changes most where the shaft turns back, and there the model misses most."""
+    t = 0.01 * np.arange(1500)
+    u = 3.0 * np.sin(2 * np.pi * 0.4 * t)
+    u = np.round(u / 6.0 * 2**bits) * 6.0 / 2**bits if bits else u
+    truth = OddMotor(stribeck=0.2, stribeck_speed=2.0, gaussian=1.0)
+    data = dataset(seed=1, u=u, samples=len(u), sample_time=0.01, y=marched(truth, u, 0.01)[:, 0])
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+
+    assert _around_changes(fit.records[0]) is None

@@ -17,12 +17,14 @@ from tests.rig.motor.odd_motor import OddMotor, marched
 STEP, SAMPLES = 0.005, 1000  # s
 
 
-def speeds(truth: OddMotor, noise: float = 0.02, kind: str = "prbs") -> Dataset:
-    """A tachometer at the shaft of a motor that starts with its arm 0.4 rad from below."""
-    random = np.random.default_rng(7)
+def speeds(
+    truth: OddMotor, noise: float = 0.02, kind: str = "prbs", angle: float = 0.4, seed: int = 7
+) -> Dataset:
+    """A tachometer at the shaft of a motor that starts with its arm at that angle from below [rad]."""
+    random = np.random.default_rng(seed)
     t = STEP * np.arange(SAMPLES)
     u = prbs(SAMPLES, 25, random) if kind == "prbs" else 3.0 * np.sin(2 * np.pi * 0.9 * t)
-    y = marched(truth, u, STEP, angle=0.4)[:, 1] + noise * random.standard_normal(SAMPLES)
+    y = marched(truth, u, STEP, angle=angle)[:, 1] + noise * random.standard_normal(SAMPLES)
     made = dataset(seed=1, u=u, samples=SAMPLES, sample_time=STEP, y=y)
     return replace(made, kind="speed", output_unit="rad/s", quantum=None, chain_known=True)
 
@@ -43,7 +45,7 @@ def test_a_weight_is_seen_in_what_the_model_misses(kind: str) -> None:
     (found,) = [each for each in result.findings if each.code == "weight-by-speed"]
 
     assert result.verdict == "doubtful"
-    assert "record the position" in found.sentence
+    assert "Record the position" in found.sentence
 
 
 def test_its_size_is_about_right() -> None:
@@ -75,3 +77,21 @@ def test_a_position_is_fitted_with_gravity() -> None:
     assert "weight-by-speed" not in codes(result)
     assert result.fit is not None
     assert "gravity" in result.fit.structure
+
+
+def test_arms_that_start_at_different_angles_are_seen_together() -> None:
+    records = [speeds(OddMotor(gravity_sine=0.5), angle=1.5 * n, seed=n) for n in range(4)]
+
+    assert "weight-by-speed" in codes(identify(records))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_few_noisy_samples_follow_nothing(seed: int) -> None:
+    """Two columns explain two fifths of twelve residuals by chance every third time."""
+    t = 0.02 * np.arange(12)
+    noise = np.random.default_rng(seed).standard_normal(len(t))
+    y = 23.8 * 3.0 * (1.0 - np.exp(-t / 0.1)) + noise
+    made = dataset(seed=1, u=np.full(len(t), 3.0), samples=len(t), sample_time=0.02, y=y)
+    data = replace(made, kind="speed", output_unit="rad/s", quantum=None, chain_known=True, input_before=0.0)
+
+    assert "weight-by-speed" not in codes(identify(data))

@@ -351,3 +351,31 @@ def test_figures_that_are_good_for_nothing_have_no_sentence() -> None:
     fit = with_spread(with_spread(fitted(), gain=40.0), time_constant=30.0)
 
     assert good_for(parameter_statuses(fit), (), float("nan"), 0.002) == ""
+
+
+def with_covariance(**values: float) -> Fit:
+    """A fit whose friction of 0.15 V has a half-width of 0.12 V, a small part of the input, and whose time constant is open."""
+    fit = fitted()
+    sd = dict(zip(fit.model.names, np.abs(fit.model.theta) * 0.01, strict=True))
+    sd |= {"coulomb_voltage": 0.06, "time_constant": float(fit.model["time_constant"])}
+    covariance = np.diag([sd[name] ** 2 for name in fit.model.names])
+    friction, lag = (fit.model.names.index(name) for name in ("coulomb_voltage", "time_constant"))
+    covariance[friction, lag] = covariance[lag, friction] = (
+        values["correlation"] * sd["coulomb_voltage"] * sd["time_constant"]
+    )
+    covariance[lag, lag] *= values.get("times", 1.0)
+    return replace(fit, covariance=covariance, intervals={})
+
+
+def test_a_friction_that_hangs_together_with_an_open_time_constant_is_not_known() -> None:
+    """As behind a ramp, where u_c + a τ is all that is known."""
+    states = [
+        parameter_statuses(with_covariance(correlation=each))["coulomb_voltage"].state for each in (-0.9, 0.0)
+    ]
+
+    assert states[0] is not State.KNOWN
+    assert states[1] is State.KNOWN
+
+
+def test_a_time_constant_of_which_nothing_is_known_says_nothing_of_the_friction() -> None:
+    parameter_statuses(with_covariance(correlation=0.0, times=np.inf))

@@ -2,7 +2,7 @@
 
 Score tests propose rungs. They need no fit, so simple data cost nothing. A proposed rung is fitted, and kept if
 
-- the simulation explains more by Schwarz's criterion (1978), with as many samples as the colour of the residuals leaves,
+- the simulation explains more by Schwarz's schwarz_criterion (1978), with as many samples as the colour of the residuals leaves,
 - the new term is known to half of its value, or leaving it out would move gain or time constant by more than their own standard
 deviation, so that their intervals would be too narrow,
 - gain and time constant are still known to half of themselves, and the search has settled.
@@ -26,9 +26,9 @@ from servobench.identification.choice.computed_data import about_computed, fit_t
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
     clearly_better,
-    criterion,
     deviance,
     fit_structure,
+    schwarz_criterion,
     shifts_parameters,
 )
 from servobench.identification.choice.structure_ladder.sentences import rung_finding, stop_finding
@@ -276,7 +276,7 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     """The base and its fit as it is allowed for; that with Coulomb friction if only a filter for a random torque shows it.
 
     What a random torque does to the position hides a little friction from a simulation. The innovations are white, and twice the
-    logarithm of their likelihoods' ratio is compared with Schwarz's criterion.
+    logarithm of their likelihoods' ratio is compared with Schwarz's schwarz_criterion.
     """
     fit = allow(base.fit)
     rival = base.fits.get("first_order_coulomb")
@@ -570,7 +570,7 @@ def _climb(
         )
         accepted = (each for each in rungs if not _note_refusal(each, refused))
         rung = (
-            min(accepted, key=lambda each: criterion(each.fit), default=None)
+            min(accepted, key=lambda each: schwarz_criterion(each.fit), default=None)
             if one_sine
             else next(accepted, None)
         )
@@ -595,7 +595,7 @@ def _without_asymmetry(
         return here, rung
     below = replace(here.below, findings=here.below.findings[:-1])
     alike = try_rung(method, data, below.plain, below.fit, "stribeck", True, allow)
-    if alike.doubt or criterion(alike.fit) > criterion(rung.fit):
+    if alike.doubt or schwarz_criterion(alike.fit) > schwarz_criterion(rung.fit):
         return here, rung
     return below, alike
 
@@ -665,10 +665,10 @@ def _candidate_terms(shown: Sequence[TermScore], fit: Fit) -> list[str]:
     falls = ["stribeck"] if any(f"_{friction}" in fit.structure for friction in _BOTH_WAYS) else []
     if not explains_the_colour(fit) or _mostly_disturbance(fit):
         return list(dict.fromkeys([*first, *_BY_TRIAL, *significant, *falls]))
-    if all(is_driven_by_one_sine(record.data) for record in fit.records):
-        return list(dict.fromkeys([*significant, *falls]))
+    one_sine = all(is_driven_by_one_sine(record.data) for record in fit.records)
     # Friction was looked for before gravity was known, and so in vain.
-    return ["coulomb", *significant] if fit.structure == "first_order_gravity" else significant
+    again = ["coulomb"] if fit.structure == "first_order_gravity" else []
+    return list(dict.fromkeys([*again, *significant, *(falls if one_sine else [])]))
 
 
 def _mostly_disturbance(fit: Fit) -> bool:

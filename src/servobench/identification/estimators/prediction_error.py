@@ -268,7 +268,7 @@ def _finding(likelihood: Profile, data: Dataset) -> Finding:
         )
     return info(
         "disturbance-found",
-        f"Something acts on the motor as a random torque would: its speed wanders by {_wander(likelihood)} {unit} around the "
-        "model's, more than chance explains. The intervals allow for it (estimator prediction_error).",
+        f"The speed wanders by {_wander(likelihood)} {unit} around the model's, as under a random torque and by more than "
+        "chance explains. The intervals allow for it (estimator prediction_error).",
         parameters=("gain", "time_constant"),
     )

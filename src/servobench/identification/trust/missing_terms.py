@@ -39,8 +39,7 @@ def _of_input(shown: TermScore, what: str, times: float = 1.0) -> str:
 
 
 def _stribeck_sized(shown: TermScore) -> str:
-    """Nothing of less friction at rest than at speed, which no bearing has: it is something else that looks like it."""
-    return _of_input(shown, "more at rest than at speed") if shown.braking > 0 else ""
+    return _of_input(shown, "more at rest than at speed")
 
 
 def _drag_sized(shown: TermScore) -> str:
@@ -231,7 +230,9 @@ def missing_terms(shown: Sequence[TermScore]) -> list[Finding]:
     """
     reported: dict[str, TermScore] = {}
     alike: dict[str, list[str]] = {}
-    for one in sorted(_strongest(_beside_the_fall(shown)).values(), key=lambda each: -each.size):
+    for one in sorted(_strongest(_independent_of_fall(shown)).values(), key=lambda each: -each.size):
+        if one.term.rung == "stribeck" and one.braking < 0:
+            continue  # no bearing brakes less at rest: it is something else that looks like it
         as_likely = not reported or one.size**2 > next(iter(reported.values())).size ** 2 - _AS_LIKELY
         if as_likely or size_beside(one, tuple(reported.values())) > one.term.limit:
             reported[one.term.code] = one
@@ -246,7 +247,7 @@ def with_missing_terms(fit: Fit, shown: Sequence[TermScore]) -> Fit:
     Only what the intervals don't hold already is added, that of the strongest term first: terms that show in the same residual
     are mostly one thing under several names.
     """
-    for one in sorted(_strongest(_beside_the_fall(shown)).values(), key=lambda each: -each.size):
+    for one in sorted(_strongest(_independent_of_fall(shown)).values(), key=lambda each: -each.size):
         if len(one.off) != len(fit.model.theta) or not np.isfinite(one.off).all():
             continue
         known = np.isfinite(np.diag(fit.covariance))
@@ -273,7 +274,7 @@ def _within_reach(fit: Fit, off: Array) -> Array:
     return off / max(farthest, 1.0)
 
 
-def _beside_the_fall(shown: Sequence[TermScore]) -> list[TermScore]:
+def _independent_of_fall(shown: Sequence[TermScore]) -> list[TermScore]:
     """The scores without those that don't show beside a friction that falls in another form than the model's, where that shows.
 
     Such a model is known to have the wrong form; what else shows in the same residual is mostly that.

@@ -55,6 +55,6 @@ def other_fall(fit: Fit, largest: float) -> Term:
     return Term(
         code=OTHER_FALL,
         name="friction that falls in another form",
-        sentence="Friction falls with the speed in another form than the model's exponential.",
+        sentence="Friction doesn't fall exponentially with the speed, as the model assumes.",
         to_input=more,
     )

@@ -1,11 +1,11 @@
 """Friction that is larger near rest than at speed (Stribeck 1902), which a constant friction leaves out: a line of the budget.
 
-Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain and friction. The
-excess falls to nothing within some part of the largest speed, from a thirtieth to three tenths, and is at most half of the
-Coulomb friction. What it does to the output is exact (`models.near_rest`), how large it is as of any term that a motor may have
-(`possible_term`), but that every second motor has it: most lubricated bearings and gears do (Armstrong-Hélouvry, Dupont and
-Canudas de Wit 1994). Where a random torque stands for something that depends on the motion (`systematic_torque`), the
-data are no judge of its course.
+Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain and friction. A wide
+excess falls to nothing within one to three tenths of the largest speed, a narrow one within three hundredths. Each is at most
+half of the Coulomb friction, and a motor may have either or both. What it does to the output is exact (`models.near_rest`), how
+large it is as of any term that a motor may have (`possible_term`), but that every second motor has the wide one and three of ten
+have the narrow one: most lubricated bearings and gears have some (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994). Where a
+random torque stands for something that depends on the motion (`systematic_torque`), the data are no judge of its course.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ _NARROW = 0.03  # the same of one that only a start or a reversal shows
 _NONE, _NONE_NARROW = 0.5, 0.7  # the chances that a motor hasn't the one or the other
 _LARGEST = 0.5  # of the Coulomb friction: the largest excess at rest
 BEFORE: Final = possible_term.size_before(_NONE) * _LARGEST
-"""The root mean square of the excess before any data, as a part of the Coulomb friction."""
+NARROW_BEFORE: Final = possible_term.size_before(_NONE_NARROW) * _LARGEST
+"""The root mean squares of the wide and of the narrow excess before any data, as parts of the Coulomb friction."""
 
 
 @runtime_checkable
@@ -76,8 +77,8 @@ def excess_covariance(fit: Fit) -> Array:
 def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence[Dataset]) -> list[Array]:
     """Return what each record's output would have more if friction were twice as large at rest, (M, W), for its vector (P + Q,).
 
-    A column for each width within which the excess falls to nothing. An empty list for a structure without a Coulomb friction of
-    that kind, and for motors at rest.
+    A column for each width within which the excess falls to nothing, the narrow one last. An empty list for a structure without a
+    Coulomb friction of that kind, and for motors at rest.
     """
     names = [parameter.name for parameter in structure.parameters]
     if not (structure.friction and isinstance(structure, ExcessFriction) and "coulomb_voltage" in names):

@@ -173,11 +173,13 @@ def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:
 
 def _hangs_on_lag(fit: Fit, name: str) -> bool:
     """Whether a friction is mostly as uncertain as it is because nobody knows the time constant, as behind a ramp."""
-    if name == "delay" or "time_constant" not in fit.model.names or is_known(fit["time_constant"]):
+    if name not in _FRICTION or "time_constant" not in fit.model.names or is_known(fit["time_constant"]):
         return False
     n, lag = fit.model.names.index(name), fit.model.names.index("time_constant")
-    both = fit.covariance[n, n] * fit.covariance[lag, lag]
-    return bool(fit.covariance[n, lag] ** 2 > _MOSTLY * both) if np.isfinite(both) else False
+    own, its = fit.covariance[n, n], fit.covariance[lag, lag]
+    if not (0 < own < np.inf and 0 < its < np.inf):
+        return False
+    return bool(abs(fit.covariance[n, lag]) / np.sqrt(own) / np.sqrt(its) > np.sqrt(_MOSTLY))
 
 
 def _is_no_delay(fit: Fit, estimate: Estimate) -> bool:

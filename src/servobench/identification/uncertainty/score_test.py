@@ -345,16 +345,17 @@ class _Run:
 
     @cached_property
     def motion(self) -> Motion:
-        """The motion as the model simulates it, at the times of the input and the output."""
+        """The motion as the model simulates it, at the times of the input and the output; of a speed, the angle as measured."""
         data, t = self.record.data, self.plain.t_input
+        turning = self.record.prediction
         if data.kind == "speed":
-            speed = np.interp(t, data.t_output, self.record.prediction)
             measured = np.interp(t, data.t_output, data.y)  # the model's would be off by more with each turn
             steps = 0.5 * (measured[1:] + measured[:-1]) * np.diff(t)
             position = np.concatenate([[0.0], np.cumsum(steps)])
         else:
-            position = np.interp(t, data.t_output, self.record.prediction)
-            speed = np.interp(t, data.t_output, np.gradient(self.record.prediction, data.t_output))
+            position = np.interp(t, data.t_output, turning)
+            turning = np.gradient(turning, data.t_output)
+        speed = np.interp(t, data.t_output, turning)
         top = float(np.abs(speed).max(initial=0.0)) or 1.0
         value = dict(zip(self.fit.model.names, self.fit.model.theta, strict=True))
         sine, cosine = value.get("gravity_voltage_sine", 0.0), value.get("gravity_voltage_cosine", 0.0)
@@ -365,7 +366,7 @@ class _Run:
             position=position,
             load=load / (float(load.max(initial=0.0)) or 1.0),
             gone=2 * (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1,
-            acceleration=np.gradient(speed, t) if len(t) > 1 else np.zeros(len(t)),
+            acceleration=np.interp(t, data.t_output, np.gradient(turning, data.t_output)),
             fastest=top,
         )
 

@@ -11,6 +11,9 @@
   apart, that makes all the difference.
 - *Play in a gear.* The output rests until the gap is used up, then follows. In a record of a few degrees of travel that looks
   like less friction and less gain.
+- *A shaft that twists.* Between a rotor and its load any shaft is a spring. Well below the resonance ω_r an encoder on the rotor
+  is ahead of a rigid shaft, one on the load is behind it, by up to the acceleration over ω_r². Under steps that looks like
+  another time constant, or like a little friction. A resonance below 100 Hz, or below 30 times the motor's own rate, shows.
 
 How large they are is as of any term that a motor may have (`possible_term`). Friction near rest, whose effect is no smooth one,
 has its own line (`friction_near_rest`).
@@ -75,7 +78,7 @@ def _departures(test: ScoreTest, largest: float) -> Iterator[tuple[tuple[Array, 
     if all(record.data.position_unit == "rad" for record in fit.records):
         played = _columns(test, _PLAYING) / _TYPICAL
         yield (played,), "play", "a gear may have play of up to half a degree"
-    if tau > 0 and all(record.data.kind == "position" for record in fit.records):
+    if tau > 0:
         resonance = max(_RESONANCE, _ABOVE / tau)
         twisted = _columns(test, _TWISTING) / resonance**2
         hertz = number(resonance / (2 * np.pi), 2)

@@ -74,7 +74,7 @@ def worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit, among: int) -
     return worth * float(np.log(before / richer.cost)) > needed
 
 
-def criterion(fit: Fit) -> float:
+def schwarz_criterion(fit: Fit) -> float:
     """Return Schwarz's criterion (1978) of a fit's innovations, but for a constant: the lower, the likelier."""
     samples = sum(int(record.valid.sum()) for record in fit.records)
     return deviance(fit) + len(fit.vector) * float(np.log(samples))

@@ -14,7 +14,6 @@ from servobench.core.rounding import TWO_SIDED, change_text
 from servobench.core.rounding import plain as number
 from servobench.identification.choice.structure_ladder.comparison import deviance, shifts_parameters, worth_it
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
-from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.estimators.least_squares import lowest, minimise
 from servobench.identification.estimators.one_sine import is_driven_by_one_sine
@@ -97,9 +96,10 @@ def try_rung(
             term=term, plain=plain, fit=fit, doubt="the shaft turns by more than half a turn from row to row"
         )
     try:
-        starts = [*_from_below(term, plain, structure, data), *structure.guesses(data)]
+        starts = [*_starts_from_below(term, plain, structure, data), *structure.guesses(data)]
+        samples = sum(int(record.valid.sum()) for record in plain.records)
         # A valley may go on for long, and hardly down, above all beside a random torque.
-        nearest = lowest(structure, data, starts, worth=_LITTLE / _white_samples(plain))
+        nearest = lowest(structure, data, starts, worth=_LITTLE / samples)
         if not worth_it(nearest, data, plain, among=len(TERMS)):
             return Rung(term=term, plain=plain, fit=fit, doubt="no better fit")
         if method is ESTIMATORS["output_error"]:
@@ -123,11 +123,6 @@ def try_rung(
     if not doubt:
         doubt, hidden = feedback_refusal(term, allowed, fit)
     return Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
-
-
-def _white_samples(plain: Fit) -> float:
-    """The number of samples of white noise that a fit's residuals are worth."""
-    return sum(effective_samples(record.residual[record.valid]) for record in plain.records)
 
 
 def _early_doubt(term: str, is_significant: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
@@ -277,7 +272,7 @@ def amount(term: str, fit: Fit) -> tuple[float, float]:
     return value, float(np.sqrt(max(variance, 0.0)))
 
 
-def _from_below(term: str, plain: Fit, structure: Structure, data: Sequence[Dataset]) -> list[Array]:
+def _starts_from_below(term: str, plain: Fit, structure: Structure, data: Sequence[Dataset]) -> list[Array]:
     """Start vectors (P + ΣQ,) of a rung from the simpler fit.
 
     Under one sine a delay has taken the place of friction that falls with the speed, in a minimum of its own: one leaves it by
@@ -292,9 +287,9 @@ def _from_below(term: str, plain: Fit, structure: Structure, data: Sequence[Data
     free[at] = False
     starts = []
     for factors in _FALLS:
-        beside = start.copy()
-        beside[at] *= factors
-        starts.append(minimise(structure, data, beside, free).theta)
+        with_friction = start.copy()
+        with_friction[at] *= factors
+        starts.append(minimise(structure, data, with_friction, free).theta)
     return starts
 
 

@@ -107,7 +107,7 @@ def _rise(means: Array) -> float:
 
 def _count_noise(data: Dataset, stretches: Sequence[Array]) -> float:
     """The standard deviation that whole counts give the mean speed of a stretch's part: a count more or less in its time."""
-    rows = min(max(len(each) // _PARTS, 1) for each in stretches)
+    rows = max(float(np.median([len(each) / _PARTS for each in stretches])), 1.0)
     counted = data.quantum if data.kind == "position" and data.quantum else 0.0
     return float(counted / (np.sqrt(6.0) * rows * data.sample_time))
 

@@ -24,9 +24,8 @@ _PART = 0.1  # of the residual's square: less isn't what limits the result
 _FEWEST = 8  # changes of the input
 # Rows from a sample to the change: what a wrong lag leaves beside the change isn't ahead of it.
 _NEARBY = (-1, 0, 1, 2)
-_NONE = 1e-6  # of the largest change: rounding
 _ALONE = 1.5  # times the changes in the rows beside it: a change by itself, not one of a gradual course
-_CLEAR = 0.05  # of the largest change: a smaller one shifts nothing
+_CLEAR = 0.05  # of the largest change, or of the input's range: a smaller one shifts nothing
 _AS_OFTEN = 0.75  # of the sample time: an input whose rows lie nearer is known between those of the output
 _COARSE = 0.3  # of all lags: rows that lie nearer leave little room between them
 _UNEVEN = 4.0  # times the square of what is missed elsewhere: twice as much in each row
@@ -88,11 +87,9 @@ def _around_changes(record: FittedRecord) -> _Around | None:
     changes = np.diff(record.data.input_at_output, prepend=record.data.input_at_output[0])
     rows = np.arange(1, len(changes) - 2)
     # Of an input that changes gradually, what the model misses near rest or at speed looks like that.
-    size = np.abs(changes[rows])
-    alone = size > np.maximum(
-        _ALONE * np.maximum(np.abs(changes[rows - 1]), np.abs(changes[rows + 1])),
-        _NONE * size.max(initial=0.0),
-    )
+    size, before, after = (np.abs(changes[rows + lag]) for lag in (0, -1, 1))
+    least = _CLEAR * float(np.ptp(record.data.u))
+    alone = size > np.maximum(_ALONE * np.maximum(before, after), least)
     if len(rows) <= 2 * _FEWEST or np.count_nonzero(alone) < _FEWEST:
         return None
     rows = rows[record.valid[rows]]
