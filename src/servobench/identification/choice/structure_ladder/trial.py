@@ -14,6 +14,7 @@ from servobench.core.rounding import TWO_SIDED, change_text
 from servobench.core.rounding import plain as number
 from servobench.identification.choice.structure_ladder.comparison import deviance, shifts_parameters, worth_it
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
+from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.estimators.least_squares import lowest, minimise
 from servobench.identification.estimators.one_sine import is_driven_by_one_sine
@@ -28,7 +29,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 _TWO_COMPONENTS = 2.448  # standard deviations: √χ² of two degrees of freedom that chance exceeds in 5 of 100
 _SELDOM = 2.0  # % of the samples, of which a few may be wrong
-_LITTLE = 0.1  # of twice the logarithm of a likelihood, of which a rung needs 15 and more
+_LITTLE = 0.1  # of twice the logarithm of a likelihood by as many samples as the rung below is worth; a rung needs 15 and more
 _CHANCE = 0.05  # of the runs without a term, in which it seems likely enough to be worth a word
 _FALLS = ((1.0, 1.0), (1.0, 0.3), (0.5, 1.0))  # of its size and of the speed over which it falls
 _AT_LIMIT = "it drives a parameter to the limit of its range"
@@ -97,9 +98,8 @@ def try_rung(
         )
     try:
         starts = [*_starts_from_below(term, plain, structure, data), *structure.guesses(data)]
-        samples = sum(int(record.valid.sum()) for record in plain.records)
         # A valley may go on for long, and hardly down, above all beside a random torque.
-        nearest = lowest(structure, data, starts, worth=_LITTLE / samples)
+        nearest = lowest(structure, data, starts, worth=_LITTLE / _white_samples(plain))
         if not worth_it(nearest, data, plain, among=len(TERMS)):
             return Rung(term=term, plain=plain, fit=fit, doubt="no better fit")
         if method is ESTIMATORS["output_error"]:
@@ -123,6 +123,11 @@ def try_rung(
     if not doubt:
         doubt, hidden = feedback_refusal(term, allowed, fit)
     return Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
+
+
+def _white_samples(plain: Fit) -> float:
+    """The number of samples of white noise that a fit's residuals are worth."""
+    return sum(effective_samples(record.residual[record.valid]) for record in plain.records)
 
 
 def _early_doubt(term: str, is_significant: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
