@@ -2,7 +2,7 @@
 
 Score tests propose rungs. They need no fit, so simple data cost nothing. A proposed rung is fitted, and kept if
 
-- the simulation explains more by Schwarz's schwarz_criterion (1978), with as many samples as the colour of the residuals leaves,
+- the simulation explains more by Schwarz's criterion (1978), with as many samples as the colour of the residuals leaves,
 - the new term is known to half of its value, or leaving it out would move gain or time constant by more than their own standard
 deviation, so that their intervals would be too narrow,
 - gain and time constant are still known to half of themselves, and the search has settled.
@@ -276,7 +276,7 @@ def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Bas
     """The base and its fit as it is allowed for; that with Coulomb friction if only a filter for a random torque shows it.
 
     What a random torque does to the position hides a little friction from a simulation. The innovations are white, and twice the
-    logarithm of their likelihoods' ratio is compared with Schwarz's schwarz_criterion.
+    logarithm of their likelihoods' ratio is compared with Schwarz's criterion.
     """
     fit = allow(base.fit)
     rival = base.fits.get("first_order_coulomb")

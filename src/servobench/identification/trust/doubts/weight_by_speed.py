@@ -6,6 +6,8 @@ e(φ) = a sin φ + b cos φ, an input, which the model's parameters can't have a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from servobench.core.channels import Array
@@ -24,15 +26,12 @@ _WEIGHT = Term(code="weight-by-speed", name="a weight", sentence="", to_input=la
 
 def _about_fit(fit: Fit) -> list[Finding]:
     data = [record.data for record in fit.records]
-    from scipy.linalg import block_diag
-
     speeds = all(each.kind == "speed" and each.position_unit == "rad" for each in data)
     largest = max(float(np.abs(each.u).max(initial=0.0)) for each in data)
     if not speeds or not largest > 0 or fit.fit_percent > _LITTLE or not fit.residual_sd > 0:
         return []
     test = ScoreTest(fit, largest)
-    each = [run.columns([_WEIGHT])[0] for run in test.runs]
-    columns = block_diag(*each)
+    columns = _side_by_side([run.columns([_WEIGHT])[0] for run in test.runs])
     if not np.isfinite(columns).all():
         return []
     rest = columns - test.basis @ (test.basis.T @ columns)
@@ -41,7 +40,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     explained = rest @ amount
     part = float(explained @ explained / (test.innovations @ test.innovations))
-    if part < _MOST or not _is_sure(part, rank, test.innovations - explained, test.basis.shape[1]):
+    if part < _MOST or not _is_sure(part, int(rank), test.innovations - explained, test.basis.shape[1]):
         return []
     size = np.hypot(*amount.reshape(-1, 2).T)
     volts = with_unit(SMALL * largest * float(np.sqrt(np.mean(size**2))), data[0].input_unit, 2)
@@ -50,6 +49,15 @@ def _about_fit(fit: Fit) -> list[Finding]:
         f"about {volts} of the input. Record the position instead of the speed, and the model can include gravity."
     )
     return [warning("weight-by-speed", sentence, parameters=("gain", "time_constant"))]
+
+
+def _side_by_side(each: Sequence[Array]) -> Array:
+    """The columns (N, 2 R) of R records, zero in the rows of the others."""
+    columns, row = np.zeros((sum(map(len, each)), 2 * len(each))), 0
+    for n, own in enumerate(each):
+        columns[row : row + len(own), 2 * n : 2 * n + 2] = own
+        row += len(own)
+    return columns
 
 
 def _is_sure(part: float, columns: int, rest: Array, parameters: int) -> bool:
