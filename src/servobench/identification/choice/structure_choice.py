@@ -42,7 +42,7 @@ from servobench.identification.choice.structure_ladder.trial import (
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import cost_beside_zero, is_usual
 from servobench.identification.estimators.least_squares import lowest, minimise
-from servobench.identification.estimators.one_sine import is_driven_by_one_sine
+from servobench.identification.estimators.one_sine import are_driven_by_one_sine
 from servobench.identification.estimators.sizes import friction_spread
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.common_parameters import TIME_CONSTANT
@@ -555,7 +555,7 @@ def _climb(
         return here  # the data determine nothing more about its friction
     if _candidate_terms(here.shown, fit) and _is_damaged(causes, fit):
         return here
-    one_sine = all(map(is_driven_by_one_sine, data))  # under which several terms explain the same
+    one_sine = are_driven_by_one_sine(data)  # under which several terms explain the same
     for _ in range(_RUNGS):
         terms = [
             term
@@ -576,7 +576,7 @@ def _climb(
         )
         if rung is None:
             break
-        if rung.term == "stribeck" and here.rung is not None and here.rung.term == "asymmetric":
+        if rung.term == "stribeck":
             here, rung = _without_asymmetry(method, data, here, rung, allow)
         here = _one_up(here, rung, refused)
     hidden = [each.hidden for each in refused.values() if each.hidden]
@@ -591,7 +591,7 @@ def _without_asymmetry(
 
     Friction that differs by direction was tried first, and made up for friction that falls with the speed.
     """
-    if here.below is None:
+    if here.rung is None or here.rung.term != "asymmetric" or here.below is None:
         return here, rung
     below = replace(here.below, findings=here.below.findings[:-1])
     alike = try_rung(method, data, below.plain, below.fit, "stribeck", True, allow)
@@ -665,7 +665,7 @@ def _candidate_terms(shown: Sequence[TermScore], fit: Fit) -> list[str]:
     falls = ["stribeck"] if any(f"_{friction}" in fit.structure for friction in _BOTH_WAYS) else []
     if not explains_the_colour(fit) or _mostly_disturbance(fit):
         return list(dict.fromkeys([*first, *_BY_TRIAL, *significant, *falls]))
-    one_sine = all(is_driven_by_one_sine(record.data) for record in fit.records)
+    one_sine = are_driven_by_one_sine([record.data for record in fit.records])
     # Friction was looked for before gravity was known, and so in vain.
     again = ["coulomb"] if fit.structure == "first_order_gravity" else []
     return list(dict.fromkeys([*again, *significant, *(falls if one_sine else [])]))

@@ -23,11 +23,7 @@ _BESIDE = (0.8, 0.9, 1.1, 1.25)  # times the time constant
 def with_neighbours(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Minimum:
     """Return the minimum, or the lowest of its neighbours, where one sine drives a motor with friction; the others beside it."""
     names = [parameter.name for parameter in structure.parameters]
-    if (
-        not structure.friction
-        or "time_constant" not in names
-        or not all(is_driven_by_one_sine(each) for each in data)
-    ):
+    if not (structure.friction and "time_constant" in names and are_driven_by_one_sine(data)):
         return minimum
     ends = [minimum]
     for factor in _BESIDE:
@@ -40,7 +36,11 @@ def with_neighbours(structure: Structure, data: Sequence[Dataset], minimum: Mini
     )
 
 
+def are_driven_by_one_sine(data: Sequence[Dataset]) -> bool:
+    """Return whether the input of each record is one sine; this is found once, however many structures are fitted."""
+    return all(map(_is_driven_by_one_sine, data))
+
+
 @keep_with_data
-def is_driven_by_one_sine(data: Dataset) -> bool:
-    """Return whether a record's input is one sine; this is found once, however many structures are fitted."""
+def _is_driven_by_one_sine(data: Dataset) -> bool:
     return is_one_sine(data.u)

@@ -17,7 +17,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.estimators.least_squares import lowest, minimise
-from servobench.identification.estimators.one_sine import is_driven_by_one_sine
+from servobench.identification.estimators.one_sine import are_driven_by_one_sine
 from servobench.identification.estimators.output_error import fit_minimum_roughly
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.motion import smooth_speed, turns_between_rows
@@ -284,7 +284,7 @@ def _starts_from_below(term: str, plain: Fit, structure: Structure, data: Sequen
     holding such a friction, of several sizes, while all else approaches it.
     """
     start = embed(plain, structure, data)
-    if term != "stribeck" or not all(map(is_driven_by_one_sine, data)):
+    if term != "stribeck" or not are_driven_by_one_sine(data):
         return [start]
     names = [parameter.name for parameter in structure.parameters]
     at = [names.index(name) for name in ("stribeck_voltage", "stribeck_speed")]
