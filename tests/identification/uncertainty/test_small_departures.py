@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -230,6 +231,39 @@ def test_a_term_that_most_motors_have_counts_for_more() -> None:
     assert possible_covariance(test, column, none=0.25) == pytest.approx(
         3.0 * possible_covariance(test, column)
     )
+
+
+def test_where_large_sizes_are_more_probable_the_mean_square_is_larger() -> None:
+    """As above, with a density 2 s in place of 1: ∫ 2 s³ ds = ½ for ∫ s² ds = ⅓."""
+    fit = warmed(2, 0.0)
+    test = ScoreTest(fit, 3.0)
+    column = 1e-6 * np.random.default_rng(1).standard_normal(len(test.innovations))
+
+    off = test.joint_shift(column)[: len(fit.model.theta)]
+
+    assert possible_covariance(test, column, power=1.0) == pytest.approx(np.outer(off, off) / 8.0, rel=0.02)
+    assert size_before(0.75, 1.0) ** 2 == pytest.approx(1.0 / 8.0)
+
+
+def test_a_small_size_that_the_data_could_hide_counts_less_where_large_ones_are_more_probable() -> None:
+    """A column of 20 noises of which there is nothing: sizes of a twentieth are 2 · 0.05 times as probable as among all alike."""
+    fit = warmed(3, 0.0)
+    column = np.random.default_rng(2).standard_normal(len(ScoreTest(fit, 3.0).innovations))
+    test = ScoreTest(fit, 3.0)
+    column -= test.basis @ (test.basis.T @ column)
+    column *= 20.0 / np.linalg.norm(column)
+    (record,) = fit.records
+    without = record.innovations - column * (column @ record.innovations) / 400.0
+    test = ScoreTest(replace(fit, records=(replace(record, innovations=without),)), 3.0)
+    hidden = column + test.basis[:, 0]
+
+    small, alike = (possible_covariance(test, hidden, none=0.5, power=power)[0, 0] for power in (1.0, 0.0))
+
+    # ∫ 2 s³ e^(-s²/2σ²) ds = 4 σ⁴ and ∫ 2 s e^(-s²/2σ²) ds = 2 σ² for √(π/2) σ³ and √(π/2) σ, beside the chance of none, 1.
+    sd = 1 / 20.0
+    half = math.sqrt(math.pi / 2)
+    expected = (4 * sd**4 / (1 + 2 * sd**2)) / (half * sd**3 / (1 + half * sd))
+    assert small / alike == pytest.approx(expected, rel=0.05)
 
 
 def test_a_size_that_the_data_show_to_be_none_is_as_uncertain_as_their_noise() -> None:

@@ -23,7 +23,7 @@ from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.disturbance import whiten
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.lag import lag_errors
-from servobench.identification.uncertainty.friction_near_rest import BEFORE, NARROW_BEFORE, excess_errors
+from servobench.identification.uncertainty.friction_near_rest import BEFORE, excess_errors
 
 _BOTH_WAYS = 0.02  # of the samples, as for `structure="auto"`
 _SEED = 20_260
@@ -98,11 +98,9 @@ def _parts(
     if motor.delay > 0:
         share = 1.0 if motor.winding else _ANY_SHARE
         errors.append(share * lag_errors(structure, theta, data, motor.delay).sum(axis=1, keepdims=True))
-    excess = excess_errors(structure, [theta], [data])
-    errors += [NARROW_BEFORE * each[:, -1:] for each in excess]
-    wide = [BEFORE * each[:, :-1] for each in excess]
+    excess = [BEFORE * each for each in excess_errors(structure, [theta], [data])]
     rounding = count_position(motor, prediction.y, random) - prediction.y
-    columns = np.column_stack([prediction.jacobian, rounding, *errors, *wide])
+    columns = np.column_stack([prediction.jacobian, rounding, *errors, *excess])
     if motor.disturbance is None:
         columns = columns / motor.noise
     else:
@@ -111,8 +109,8 @@ def _parts(
     bread = inverse(j.T @ j)
     shift = (bread @ (j.T @ rounded))[:shared, 0]
     scatter = np.outer(shift, shift) if motor.disturbance is None else np.zeros((shared, shared))
-    # Each form of a wide excess friction is as probable as another.
-    widths = wide[0].shape[1] if wide else 0
+    # Each form of an excess friction is as probable as another.
+    widths = excess[0].shape[1] if excess else 0
     whole = e.shape[1] - widths
     forms = [np.append(np.arange(whole), whole + n) for n in range(widths)] or [np.arange(whole)]
     unknown = np.mean([_unknown_part(j, bread, e[:, form])[:shared, :shared] for form in forms], axis=0)

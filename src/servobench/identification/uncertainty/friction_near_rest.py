@@ -1,11 +1,11 @@
 """Friction that is larger near rest than at speed (Stribeck 1902), which a constant friction leaves out: a line of the budget.
 
-Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain and friction. A wide
-excess falls to nothing within one to three tenths of the largest speed, a narrow one within three hundredths. Each is at most
-half of the Coulomb friction, and a motor may have either or both. What it does to the output is exact (`models.near_rest`), how
-large it is as of any term that a motor may have (`possible_term`), but that every second motor has the wide one and three of ten
-have the narrow one: most lubricated bearings and gears have some (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994). Where a
-random torque stands for something that depends on the motion (`systematic_torque`), the data are no judge of its course.
+Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain, time constant and
+friction. It falls to nothing within some part of the largest speed, from a few hundredths to a quarter, and is at most half of
+the Coulomb friction. What it does to the output is exact (`models.near_rest`), how large it is as of any term that a motor may
+have (`possible_term`), but that a large excess is more probable than a small one: what lubrication makes of friction near rest
+are tenths of it (Armstrong-Hélouvry, Dupont and Canudas de Wit 1994). Where a random torque stands for something that depends on
+the motion (`systematic_torque`), the data are no judge of its course.
 """
 
 from __future__ import annotations
@@ -19,19 +19,18 @@ from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.base import Structure
-from servobench.identification.uncertainty import possible_term
+from servobench.identification.uncertainty.possible_term import possible_covariance, size_before
 from servobench.identification.uncertainty.score_test import ScoreTest, in_innovations
 from servobench.identification.uncertainty.systematic_torque import Moving, systematic_share
 from servobench.recordings.measurement.dataset import Dataset
 
 SOURCE: Final = "friction near rest"
-_WIDTHS = (0.1, 0.2, 0.3)  # of the largest speed: where the excess has fallen to nothing
-_NARROW = 0.03  # the same of one that only a start or a reversal shows
-_NONE, _NONE_NARROW = 0.5, 0.7  # the chances that a motor hasn't the one or the other
+_WIDTHS = (0.03, 0.06, 0.12, 0.25)  # of the largest speed: where the excess has fallen to nothing
+_NONE = 0.7  # the chance that a motor has no excess
+_POWER = 1.0  # of the size: its density, if there is any
 _LARGEST = 0.5  # of the Coulomb friction: the largest excess at rest
-BEFORE: Final = possible_term.size_before(_NONE) * _LARGEST
-NARROW_BEFORE: Final = possible_term.size_before(_NONE_NARROW) * _LARGEST
-"""The root mean squares of the wide and of the narrow excess before any data, as parts of the Coulomb friction."""
+BEFORE: Final = size_before(_NONE, _POWER) * _LARGEST
+"""The root mean square of the excess before any data, as a part of the Coulomb friction."""
 
 
 @runtime_checkable
@@ -67,17 +66,16 @@ def excess_covariance(fit: Fit) -> Array:
         return none
     both = zip(fit.records, errors, strict=True)
     columns = np.concatenate([in_innovations(fit, record, each) for record, each in both])
-    doubt = systematic_share(fit)
     forms = _LARGEST * columns.T
-    test = ScoreTest(fit, 1.0)
-    wide = possible_term.possible_covariance(test, *forms[:-1], none=_NONE, doubt=doubt)
-    return wide + possible_term.possible_covariance(test, forms[-1], none=_NONE_NARROW, doubt=doubt)
+    return possible_covariance(
+        ScoreTest(fit, 1.0), *forms, none=_NONE, power=_POWER, doubt=systematic_share(fit)
+    )
 
 
 def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence[Dataset]) -> list[Array]:
     """Return what each record's output would have more if friction were twice as large at rest, (M, W), for its vector (P + Q,).
 
-    A column for each width within which the excess falls to nothing, the narrow one last. An empty list for a structure without a
+    A column for each width within which the excess falls to nothing. An empty list for a structure without a
     Coulomb friction of that kind, and for motors at rest.
     """
     names = [parameter.name for parameter in structure.parameters]
@@ -90,8 +88,6 @@ def excess_errors(structure: Structure, vectors: Sequence[Array], data: Sequence
         return []
     return [
         coulomb
-        * np.column_stack(
-            [structure.by_excess_friction(theta, record, width * top) for width in (*_WIDTHS, _NARROW)]
-        )
+        * np.column_stack([structure.by_excess_friction(theta, record, width * top) for width in _WIDTHS])
         for theta, record in both
     ]

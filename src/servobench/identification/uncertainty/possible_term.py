@@ -1,8 +1,8 @@
 """The additional covariance for a term of unknown size that a motor may have and its model lacks.
 
 Its size s is one for all records. Before the data it is zero with some chance, three quarters for most terms, else anything up
-to a largest one, all sizes being alike probable. It moves the parameters by s B c, c the derivative of the innovations by s and
-B = (J'J)⁻¹ J', so that the covariance has more
+to a largest one, for most terms all sizes being alike probable. It moves the parameters by s B c, c the derivative of the
+innovations by s and B = (J'J)⁻¹ J', so that the covariance has more
 
     B c c' B' E[s²]
 
@@ -27,18 +27,21 @@ _FAR = 6.0  # standard deviations of a size beyond the likeliest: none is larger
 _NOTHING = 1e-20  # of a column's power: what is left of one that the Jacobian explains is rounding error
 
 
-def size_before(none: float) -> float:
-    """Return the root mean square of the size before any data, as a part of the largest; `none` is the chance of no such term."""
-    return float(np.sqrt((1.0 - none) * np.mean(_SIZES**2)))
+def size_before(none: float, power: float = 0.0) -> float:
+    """Return the root mean square of the size before any data, as a part of the largest.
+
+    `none` is the chance of no such term; if there is one, the density of its sizes is as s^`power`.
+    """
+    return float(np.sqrt((1.0 - none) * (power + 1.0) / (power + 3.0)))
 
 
 def possible_covariance(
-    test: ScoreTest, *forms: Array, none: float = USUALLY_NONE, doubt: float = 0.0
+    test: ScoreTest, *forms: Array, none: float = USUALLY_NONE, power: float = 0.0, doubt: float = 0.0
 ) -> Array:
     """Return the covariance (P, P) added by a term; its possible `forms` (N,) are what the innovations have of the largest.
 
-    `none` is the chance, before the data, that there is no such term. With `doubt` (0 to 1) the innovations are no judge of it,
-    and there is such a term: 1 leaves all sizes alike.
+    `none` is the chance, before the data, that there is no such term; if there is one, the density of its sizes is as s^`power`.
+    With `doubt` (0 to 1) the innovations are no judge of it, and there is such a term: 1 leaves all sizes as before the data.
     """
     shared = len(test.fit.model.theta)
     rests = [(column, column - test.basis @ (test.basis.T @ column)) for column in forms]
@@ -50,7 +53,8 @@ def possible_covariance(
     each = [_sizes(rest, test.innovations, doubt) for _, rest in visible_forms]
     sizes, logarithms = np.array([one[0] for one in each]), np.array([one[1] for one in each])
     highest = float(logarithms.max())
-    likely = (1.0 - none) / logarithms.size * sizes[:, -1:] * np.exp(logarithms - highest)
+    before = (power + 1.0) * sizes**power * sizes[:, -1:] / _SIZES.size
+    likely = (1.0 - none) / len(visible_forms) * before * np.exp(logarithms - highest)
     likely /= none * np.exp(-highest) + float(likely.sum())
     for (column, _), size, odds in zip(visible_forms, sizes, likely, strict=True):
         off = test.joint_shift(column)[:shared]
