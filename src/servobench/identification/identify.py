@@ -26,6 +26,7 @@ from servobench.identification.choice.records_apart import widen_for_disagreemen
 from servobench.identification.choice.restored_counts import with_counts_restored
 from servobench.identification.choice.structure_choice import Choice, choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
+from servobench.identification.estimators.prediction_error import rounding_explains
 from servobench.identification.estimators.sizes import WEAK, friction_spread
 from servobench.identification.estimators.unseen_torque import with_unseen_torque
 from servobench.identification.models.common_parameters import TIME_CONSTANT
@@ -33,7 +34,7 @@ from servobench.identification.models.level import single_level
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.nominal import nominal_values
 from servobench.identification.models.nonlinear.structure import SINE
-from servobench.identification.models.stretches import stretches_of_motion
+from servobench.identification.models.stretches import doubt_rests, stretches_of_motion
 from servobench.identification.motor_parameters.combination import MotorEstimates, motor_parameters
 from servobench.identification.motor_parameters.current import has_current
 from servobench.identification.motor_parameters.current_input import about_current_input
@@ -238,14 +239,13 @@ def _identify(
         validate_on, others = without_spikes(validate_on)
         findings += [*spikes, *others]
     records, left_out = stretches_of_motion(records)
-    findings += left_out
     judged = _Judgement(causes=Causes(records))
     try:
         if verdict(findings) is not Verdict.REFUSED:
             judged = _judge(records, structure, estimator, nominal, validate_on, known)
     except NotIdentifiable as error:
         judged = replace(judged, findings=(refusal("not-identifiable", f"{error}."),))
-    findings += judged.findings
+    findings += [*_about_rests(left_out, judged.fit), *judged.findings]
     simulated = judged.fit.fit_percent if judged.fit else np.nan
     if is_unexplained(_without_consequences(findings), simulated):
         codes = {finding.code for finding in findings}
@@ -264,6 +264,11 @@ def _identify(
         motor_parameters=judged.motor.estimates,
         provenance=_provenance(records),
     )
+
+
+def _about_rests(left_out: Sequence[Finding], fit: Fit | None) -> list[Finding]:
+    """The findings on rests that were left out of closed loops: a doubt where something random moves the shaft."""
+    return list(left_out) if fit is not None and rounding_explains(fit) else list(map(doubt_rests, left_out))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -43,7 +43,10 @@ def test_a_loop_that_comes_to_rest_tells_the_motor_and_names_no_false_cause(
 ) -> None:
     result = identify(followed(square(size), torque_noise, seed=1))
 
-    assert {each.code for each in result.findings if each.severity is Severity.WARNING} == {"rests-left-out"}
+    # A torque decides when the shaft slips, and the controller responds to it.
+    warnings = {each.code for each in result.findings if each.severity is Severity.WARNING}
+    assert warnings == ({"rests-left-out"} if torque_noise > 0 else set())
+    assert "rests-left-out" in {each.code for each in result.findings}
     assert result.fit is not None
     # Without a torque, rounding repeats with the steps, or it doesn't: output_error, or interval_likelihood.
     assert (result.fit.estimator == "prediction_error") == (torque_noise > 0)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from servobench.identification.trust.doubts.base import about_data
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
+from tests.rig.motor.reference import Truth
 
 T = 0.002 * np.arange(3000)
 SINE = 3.0 * np.sin(2 * np.pi * T)
@@ -69,3 +70,13 @@ def test_noise_on_a_level_is_no_speed_that_turns_round(share: float, seed: int) 
     noise = np.random.default_rng(seed).normal(size=len(made.y))
 
     assert not codes(replace(made, y=made.y + share * made.y.max() * noise))
+
+
+def test_an_input_that_was_logged_a_row_late_is_not_cut_off() -> None:
+    """Under its last rows the motor has the next input already, and its speed falls at once after it had settled."""
+    levels = np.tile(np.repeat([2.0, 3.0, 4.0, 5.0, 0.0], 36), 5)
+    truth = Truth(inertia=Truth().inertia / 10)  # 10 ms, 5 samples
+    made = dataset(seed=1, samples=len(levels), u=levels, truth=truth)
+    late = np.concatenate([levels[:1], levels[:-1]])
+
+    assert not codes(replace(made, u=late))

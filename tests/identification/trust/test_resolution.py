@@ -16,6 +16,7 @@ from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
 STEP = 2 * np.pi / 20
+COARSE = 2 * np.pi / 4
 GAIN, TAU, LEVEL = 20.0, 0.1, 3.0
 
 
@@ -29,14 +30,14 @@ def of_edges() -> Dataset:
     return replace(like, t_input=t, t_output=t, quantum=STEP, input_before=0.0)
 
 
-def read_evenly() -> Dataset:
-    """The same disc, read every 20 ms."""
+def read_evenly(step: float = STEP) -> Dataset:
+    """The same disc, or one with other steps, read every 20 ms."""
     t = 0.02 * np.arange(100)
     angle = GAIN * LEVEL * (t - TAU * -np.expm1(-t / TAU))
     like = dataset(
-        seed=1, samples=100, sample_time=0.02, u=np.full(100, LEVEL), y=(np.floor(angle / STEP) + 0.5) * STEP
+        seed=1, samples=100, sample_time=0.02, u=np.full(100, LEVEL), y=(np.floor(angle / step) + 0.5) * step
     )
-    return replace(like, quantum=STEP)
+    return replace(like, quantum=step)
 
 
 def fitted(data: Dataset) -> Fit:
@@ -44,16 +45,21 @@ def fitted(data: Dataset) -> Fit:
 
 
 @pytest.mark.parametrize(
-    ("data", "beginning"),
-    [(of_edges(), "Each row is one step of the sensor"), (read_evenly(), "The sensor is coarse")],
+    ("data", "beginning", "severity"),
+    [
+        (of_edges(), "Each row is one step of the sensor", Severity.INFO),
+        (read_evenly(), "The sensor is coarse", Severity.INFO),  # 19 steps in the 0.1 s of the time constant
+        (read_evenly(COARSE), "The sensor is coarse", Severity.WARNING),  # 4
+    ],
 )
-def test_rows_at_the_steps_of_a_sensor_are_told_from_a_coarse_one(data: Dataset, beginning: str) -> None:
+def test_rows_at_the_steps_of_a_sensor_are_told_from_a_coarse_one(
+    data: Dataset, beginning: str, severity: Severity
+) -> None:
     (finding,) = DOUBTS["resolution"].about_fit(fitted(data))
 
     assert finding.code == "resolution-coarse"
     assert finding.sentence.startswith(beginning)
-    # What has a time for each step isn't rounded, and no doubt.
-    assert (finding.severity is Severity.INFO) == (data.quantum == STEP and is_sampled_by_edges(data, STEP))
+    assert finding.severity is severity
 
 
 def test_a_step_in_each_row_at_even_times_is_an_even_motion() -> None:

@@ -155,7 +155,7 @@ def test_a_residual_that_follows_the_input_is_model_error_where_its_size_does_no
     found = model_error(fit)
 
     assert found is not None
-    assert input_correlation(fit.records[0]) > TIED
+    assert input_correlation(fit) > TIED
     assert set(found.shares.values()) == {1.0}
 
 

@@ -49,3 +49,15 @@ def test_a_shaft_that_stands_at_its_reference_is_no_clipped_sensor(followed: Dat
 def test_a_sensor_that_ends_before_the_reference_is_reported_in_a_loop_too(followed: Dataset) -> None:
     """±0.5 rad of ±1: half of the way is missing, which no friction holds a shaft from."""
     assert "output-clipped" in codes(replace(followed, y=np.clip(followed.y, -0.5, 0.5)))
+
+
+def test_a_shaft_that_creeps_to_where_friction_holds_it_is_no_clipped_sensor() -> None:
+    """A weak integral has it creep for most of the record: what is fast beside that is a tenth of full speed."""
+    asked = Experiment(
+        signal=Square(low=-1, high=1, frequency=0.49),
+        controller=Pid(output="position", kp=1, ki=1, kd=0.03, cutoff=100),
+    )
+    with sb.connect("twin") as motor:
+        data = measure(sb.run(asked, motor))
+
+    assert "output-clipped" not in codes(data)

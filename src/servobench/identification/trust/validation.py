@@ -52,7 +52,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
                 f"motor or on the measurement. {allowance}",
             )
         )
-    tied = max(input_correlation(record) for record in fit.records)
+    tied = input_correlation(fit)
     # Rounding that repeats with the input follows it, too; but where each count is where it belongs, no response is missing.
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
     if tied > TIED and not counted:

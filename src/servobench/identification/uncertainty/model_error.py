@@ -166,7 +166,7 @@ def _evident(fit: Fit, ratio: float, events: float) -> float:
     the torque that it was taken for depends on the motion.
     """
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
-    if not counted and max(input_correlation(record) for record in fit.records) > TIED:
+    if not counted and input_correlation(fit) > TIED:
         return 1.0
     noticed, plain = _EVIDENT[events >= _SEVERAL]
     return max(float(np.clip((ratio - noticed) / (plain - noticed), 0.0, 1.0)), systematic_share(fit))

@@ -28,6 +28,7 @@ _VISITS = 2  # of the end of a range: a motor that turns round once stands at it
 _OF_ALL = 0.2  # of the stretches that stand still: a sensor whose values are held has them everywhere
 _SHORTEST = 5  # samples in a stretch
 _ABRUPT = 0.3  # of the usual pace at which a stretch is entered: a motor slows down first
+_UNDER_WAY = 0.6  # of the pace that it reaches or exceeds in a twentieth of its windows
 _PILE = 0.005  # of the samples are exactly alike where a sensor without steps is at its end
 _ALONE = 5.0  # times as many samples at the end of the range as at any other value
 _ARRIVED = 0.05  # of the range: as near to its reference as a loop comes before friction holds it
@@ -161,9 +162,20 @@ def _flats(data: Dataset, quantum: float) -> list[_Flat]:
 
 def _usual_pace(y: Array) -> float:
     """The travel of the output in a sample while it moves: the median over windows of 20 samples in which it moves at all."""
+    paces = _paces(y)
+    return float(np.median(paces)) if len(paces) else 0.0
+
+
+def _full_pace(y: Array) -> float:
+    """The same for an output that is under way: of a loop that creeps to its set point for long, most windows aren't."""
+    paces = _paces(y)
+    return max(_usual_pace(y), _UNDER_WAY * float(np.percentile(paces, 95))) if len(paces) else 0.0
+
+
+def _paces(y: Array) -> Array:
+    """The travel of the output in a sample in each window of 20 samples in which it moves."""
     steps = np.abs(y[20:] - y[:-20]) / 20
-    steps = steps[steps > 0]
-    return float(np.median(steps)) if len(steps) else 0.0
+    return np.asarray(steps[steps > 0], dtype=np.float64)
 
 
 def _pace_before(y: Array, at: int, window: int, quantum: float) -> float:
@@ -173,7 +185,7 @@ def _pace_before(y: Array, at: int, window: int, quantum: float) -> float:
 
 def _clipping(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     """Whether flat tops stand at an end of the range, and are reached at full pace: no motor stops within a sample."""
-    usual = _usual_pace(data.y)
+    usual = _full_pace(data.y)
     if np.ptp(data.y) < _FINE * quantum:
         return []
     for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):

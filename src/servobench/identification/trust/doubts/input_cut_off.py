@@ -9,6 +9,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
+from servobench.core.runs import runs
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.steady import stretches_of_input
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
@@ -27,6 +28,8 @@ _BY_CHANCE = 2.2  # the same on average over several stretches: what noise alone
 _BEYOND_CHANCE = 3.0  # over the root of their number, and more than that
 _NORMAL_MEDIAN, _NORMAL_MEAN = 0.6745, 0.7979  # of the sizes of normal values, in standard deviations
 _SETTLED = 0.01  # of the largest speed: what it changes by from one part to the next
+_LONG_SETTLED = 4  # such changes one after the other: where a speed turns round there are fewer
+_LATE = 3  # rows, with those that a smoothed speed looks ahead
 _AT_ONCE = 0.05  # of it: a motor that warms up, or a supply that sags, takes longer than a part
 _PLAINLY = 0.2  # of the largest speed: a rise and a fall of so much under a constant input in a single stretch are enough
 
@@ -61,8 +64,8 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     if not some.any():
         return False
     speed = sense * smooth_speed(data)
-    stretches = [speed[a:b] for a, b in zip(first[some], after[some], strict=True)]
     top = float(np.percentile(np.abs(speed), 99))
+    stretches = [_before_the_next(speed[a:b], top) for a, b in zip(first[some], after[some], strict=True)]
     means = [_means(each) for each in stretches]
     rises = np.array([_rise(each) for each in means])
     noise = max(_noise(stretches, means), _count_noise(data, stretches))
@@ -75,6 +78,15 @@ def _is_cut_off(data: Dataset, end: float) -> bool:
     turns = np.mean([_turns_round(each, _FALLS * top) for each in stretches])
     chance = (_BY_CHANCE + _BEYOND_CHANCE / np.sqrt(len(rises))) * noise
     return bool(len(rises) >= _FEWEST and turns >= _MOST and rises.mean() > chance)
+
+
+def _before_the_next(speed: Array, top: float) -> Array:
+    """The speed in a stretch, without its end where it had settled: what changes there may be the next input's, logged late."""
+    means = _means(speed)
+    small = np.abs(np.diff(means)) < _SETTLED * top
+    if max((last - first for first, last in runs(small)), default=0) < _LONG_SETTLED:
+        return speed
+    return speed[: len(speed) - max(len(speed) // _PARTS, _LATE)]
 
 
 def _turns_round(speed: Array, by: float) -> bool:
