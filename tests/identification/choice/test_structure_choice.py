@@ -642,3 +642,19 @@ def test_a_second_lag_that_nobody_asked_for_is_taken_back_where_it_can_t_be_told
     assert any(
         "winding's lag (it can't be told from a delay)" in each.sentence for each in choice.below.findings
     )
+
+
+def test_gravity_that_is_not_certain_does_not_stand_for_a_dead_band() -> None:
+    """Triangles of 8 V through a bridge that drops 1.9 V, at 100 Hz: what gravity leaves over is coloured, so that isn't it."""
+    t = 0.01 * np.arange(1000)
+    u = np.round(8.0 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * t / 1.1)) / 0.05) * 0.05
+    passed = np.sign(u) * np.maximum(np.abs(u) - 1.9, 0.0)
+    truth = Truth(inertia=Truth().inertia / 2, coulomb_torque=3e-3)
+    made = dataset(seed=59, samples=1000, sample_time=0.01, u=passed, truth=truth)
+
+    result = identify(replace(made, u=u))
+
+    assert result.fit is not None
+    assert "gravity" not in result.fit.structure
+    low, high = result.fit["gain"].interval
+    assert low < answers(truth)["gain"] < high

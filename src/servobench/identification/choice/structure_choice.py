@@ -112,14 +112,18 @@ class Choice:
         """Return whether neither the last rung's size nor the gain are known once all that widens the intervals is in a fit.
 
         A rung is climbed by what is known before that. One that turns out to be open, and to leave the gain open as well, stands
-        for something else that the model lacks. Nor is it kept with a second lag that can't be told from a delay: nobody asked
-        for one.
+        for something else that the model lacks; so does gravity that is open beside a residual that is coloured still, as a dead
+        band makes it. Nor is it kept with a second lag that can't be told from a delay: nobody asked for one.
         """
         if self.rung is None or "gain" not in widened.model.names:
             return False
         if any(each.severity is Severity.REFUSAL for each in about_winding(widened)):
             return True
-        return not is_certain(self.rung.term, widened) and not is_known(widened["gain"])
+        if is_certain(self.rung.term, widened):
+            return False
+        return not is_known(widened["gain"]) or (
+            "gravity" in self.rung.term and not explains_the_colour(widened)
+        )
 
     def restate(self, widened: Fit) -> tuple[Finding, ...]:
         """Return the findings, in which the last rung is as sure as it is once all that widens the intervals is in a fit."""
