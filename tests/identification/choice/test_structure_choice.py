@@ -658,3 +658,18 @@ def test_gravity_that_is_not_certain_does_not_stand_for_a_dead_band() -> None:
     assert "gravity" not in result.fit.structure
     low, high = result.fit["gain"].interval
     assert low < answers(truth)["gain"] < high
+
+
+def test_friction_that_may_be_none_is_not_stated_as_needed() -> None:
+    """A motor without friction, moved by hand: a better fit has 12 ± 16 µV of it."""
+    random = np.random.default_rng([5, 28])
+    random.standard_normal(2000)
+    wander = np.convolve(random.standard_normal(2120).cumsum(), np.full(60, 1 / 60), "same")[60:-60]
+    u = np.round(5 * wander / np.abs(wander).max(), 1)
+    u[:150] = 0.0
+    result = identify(dataset(seed=28, samples=2000, u=u, truth=Truth(coulomb_torque=0.0)))
+
+    assert result.fit is not None
+    friction = result.fit["coulomb_voltage"]
+    assert friction.value < 2 * friction.sd
+    assert [f.code for f in result.findings if f.code.startswith("friction-")] == ["friction-possible"]

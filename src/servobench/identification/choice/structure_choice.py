@@ -246,12 +246,13 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
             return one_way
     fits = {each.structure: each for each in (frictionless, with_friction)}
     gains = change_text(frictionless.model["gain"], with_friction.model["gain"])
-    if better(with_friction, frictionless):
+    size = with_friction.model["coulomb_voltage"]
+    if better(with_friction, frictionless) and size > 2.0 * with_friction.sd("coulomb_voltage"):
         explained = _friction_text(frictionless, with_friction)
         sentence = f"Coulomb friction is needed: {explained} the gain would be {gains}."
         finding = info("friction-found", sentence, parameters=("coulomb_voltage",))
         return _Base(fit=with_friction, findings=(finding,), fits=fits)
-    if shifts_parameters(with_friction, frictionless):
+    if better(with_friction, frictionless) or shifts_parameters(with_friction, frictionless):
         return _Base(fit=with_friction, findings=(_friction_possible(gains),), fits=fits)
     if _hides_friction(with_friction) or has_one_level_each(data):
         return _Base(fit=with_friction, findings=(_friction_hidden(),), fits=fits)
@@ -320,7 +321,7 @@ def _friction_text(without: Fit, fit: Fit) -> str:
 def _friction_possible(gains: str) -> Finding:
     sentence = (
         "These data don't show for certain whether there is Coulomb friction, but it can't be left out: without it the gain "
-        f"would be {gains}, with too narrow an interval."
+        f"would be {gains}, and the fit worse or the interval too narrow."
     )
     return info("friction-possible", sentence, parameters=("coulomb_voltage",))
 

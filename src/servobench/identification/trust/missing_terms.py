@@ -160,8 +160,9 @@ TERMS = (
     Term(
         code="motor-changes",
         name="a motor that changes",
-        sentence="The motor changed during the record: it warmed up, or its friction or its "
-        "supply changed. The parameters are a mean over the record.",
+        sentence="The motor at the end of the record isn't quite the one at its beginning: it may have warmed up, its "
+        "friction or its supply may have changed, or the input moves faster than it was logged. The parameters are a mean "
+        "over the record.",
         to_input=lambda m: (m.input * m.gone, m.speed * m.gone),
     ),
     Term(
@@ -173,7 +174,7 @@ TERMS = (
     Term(
         code="backlash",
         name="backlash",
-        sentence="The output lags at every reversal, as with backlash in a gear: the model is "
+        sentence="The output lags at every reversal, as with backlash in a gear or a dead band of the driver: the model is "
         "wrong there, which shifts gain and time constant.",
         to_output=lambda m: (np.sign(m.speed),),
         sized=_backlash_sized,
