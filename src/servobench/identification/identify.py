@@ -268,7 +268,7 @@ def _identify(
 
 def _about_rests(left_out: Sequence[Finding], fit: Fit | None) -> list[Finding]:
     """The findings on rests that were left out of closed loops: a doubt where something random moves the shaft."""
-    return list(left_out) if fit is not None and rounding_explains(fit) else list(map(doubt_rests, left_out))
+    return list(left_out) if fit is None or rounding_explains(fit) else list(map(doubt_rests, left_out))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
