@@ -268,7 +268,12 @@ def _identify(
 
 def _about_rests(left_out: Sequence[Finding], fit: Fit | None) -> list[Finding]:
     """The findings on rests that were left out of closed loops: a doubt where something random moves the shaft."""
-    return list(left_out) if fit is None or rounding_explains(fit) else list(map(doubt_rests, left_out))
+    if fit is None or not left_out:
+        return list(left_out)
+    loops = tuple(record for record in fit.records if record.data.closed_loop)
+    counted = all(record.data.quantum for record in loops)
+    quiet = rounding_explains(replace(fit, records=loops)) if counted else fit.disturbance is None
+    return list(left_out) if quiet else list(map(doubt_rests, left_out))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -656,6 +656,8 @@ def test_gravity_that_is_not_certain_does_not_stand_for_a_dead_band() -> None:
 
     assert result.fit is not None
     assert "gravity" not in result.fit.structure
+    (chosen,) = [f.sentence for f in result.findings if f.code == "structure-chosen"]
+    assert "its size wouldn't be certain" in chosen
     low, high = result.fit["gain"].interval
     assert low < answers(truth)["gain"] < high
 

@@ -378,3 +378,16 @@ def test_a_false_value_at_the_end_of_a_record_is_no_run_down(as_position: bool) 
     y[-1] -= 30 * QUANTUM if as_position else 50.0
 
     assert told(replace(data, y=y)) == set()
+
+
+def test_a_slow_swing_into_the_end_of_a_range_is_found_beside_fast_motions() -> None:
+    """Three swings of 5 s that end at 1.5 of 2 rad, then two seconds of motions that are seven times as fast."""
+    t = np.arange(3400) * SAMPLE_TIME
+    slow = np.minimum(2.0 * np.sin(2 * np.pi * t / 5), 1.5)
+    fast = 1.4 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * t / 0.5))
+    y = np.round(np.where(t < 15.0, slow, fast) / 1e-3) * 1e-3
+    data = dataset(seed=1, samples=3400, sample_time=SAMPLE_TIME, u=np.cos(2 * np.pi * t / 5), y=y)
+
+    about = DOUBTS["flats"].about_data
+    assert about is not None
+    assert [each.code for each in about([replace(data, quantum=1e-3)])] == ["output-clipped"]

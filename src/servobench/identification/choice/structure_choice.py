@@ -109,7 +109,7 @@ class Choice:
     below: Choice | None = None
 
     def loses(self, widened: Fit) -> bool:
-        """Return whether neither the last rung's size nor the gain are known once all that widens the intervals is in a fit.
+        """Return whether the last rung is better left out once all that widens the intervals is in a fit.
 
         A rung is climbed by what is known before that. One that turns out to be open, and to leave the gain open as well, stands
         for something else that the model lacks; so does gravity that is open beside a residual that is coloured still, as a dead
@@ -624,8 +624,12 @@ def _of_base(base: _Base, fit: Fit, causes: Causes) -> Choice:
 
 def _one_up(here: Choice, rung: Rung, refused: Mapping[str, Rung]) -> Choice:
     """The choice with a rung more, and below it the one without, which says that the rung was left out."""
-    from_delay, open_as_well = "it can't be told from a delay", "neither its size nor the gain would be known"
-    lost = replace(rung, doubt=from_delay if rung.term == "winding" else open_as_well)
+    open_as_well = "neither its size nor the gain would be known"
+    if rung.term == "winding":
+        open_as_well = "it can't be told from a delay"
+    elif "gravity" in rung.term:
+        open_as_well = "its size wouldn't be certain, and the gain or a part of the motion would stay open"
+    lost = replace(rung, doubt=open_as_well)
     stop = stop_finding(here.fit, here.shown, {**refused, rung.term: lost})
     earlier = [f for f in here.findings if "coulomb" not in rung.term or f.code != "friction-not-found"]
     return replace(

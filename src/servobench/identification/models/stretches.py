@@ -142,8 +142,8 @@ def doubt_rests(finding: Finding) -> Finding:
     35; without one 152 of 159 held the truth.
     """
     sentence = (
-        f"{finding.sentence} More than rounding is left over there: if a random torque decides when the shaft slips, the "
-        "controller responds to that, and the intervals may be too narrow. Record a run in open loop."
+        f"{finding.sentence} More than the noise of the sensor is left over there: if a random torque decides when the shaft "
+        "slips, the controller responds to that, and the intervals may be too narrow. Record a run in open loop."
     )
     return warning(finding.code, sentence)
 

@@ -160,7 +160,7 @@ TERMS = (
     Term(
         code="motor-changes",
         name="a motor that changes",
-        sentence="The motor at the end of the record isn't quite the one at its beginning: it may have warmed up, its "
+        sentence="The motor seems different at the end of the record than at its beginning: it may have warmed up, its "
         "friction or its supply may have changed, or the input moves faster than it was logged. The parameters are a mean "
         "over the record.",
         to_input=lambda m: (m.input * m.gone, m.speed * m.gone),

@@ -27,7 +27,7 @@ _FINE = 200.0  # quanta in the range: a coarser sensor doesn't show how fast it 
 _VISITS = 2  # of the end of a range: a motor that turns round once stands at its own largest value, too
 _OF_ALL = 0.2  # of the stretches that stand still: a sensor whose values are held has them everywhere
 _SHORTEST = 5  # samples in a stretch
-_ABRUPT = 0.3  # of the usual pace at which a stretch is entered: a motor slows down first
+_ABRUPT = 0.3  # of the usual pace, or of a loop's full pace, at which a stretch is entered: a motor slows down first
 _UNDER_WAY = 0.6  # of the pace that it reaches or exceeds in a twentieth of its windows
 _PILE = 0.005  # of the samples are exactly alike where a sensor without steps is at its end
 _ALONE = 5.0  # times as many samples at the end of the range as at any other value
@@ -185,7 +185,7 @@ def _pace_before(y: Array, at: int, window: int, quantum: float) -> float:
 
 def _clipping(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     """Whether flat tops stand at an end of the range, and are reached at full pace: no motor stops within a sample."""
-    usual = _full_pace(data.y)
+    usual = _full_pace(data.y) if data.closed_loop else _usual_pace(data.y)
     if np.ptp(data.y) < _FINE * quantum:
         return []
     for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):

@@ -48,13 +48,11 @@ def _levels(fit: Fit) -> list[Finding]:
         return []
     unit = records[0].input_unit
     # A limit of the current makes another, slower motor of it at two levels, and no residual shows that.
-    may = (
-        "drops a part of the input or limits its current" if -levels[0] == levels[1] else "limits its current"
-    )
+    drops = "drops a part of the input or " if -levels[0] == levels[1] else ""
+    driver = "" if unit == "A" else f", and whether the driver {drops}limits the current"
     sentence = (
         f"The input {verb} two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, and the "
-        f"gain is that between them. It takes a staircase or a multisine to show whether the motor is linear there or the driver "
-        f"{may}."
+        f"gain is that between them. It takes a staircase or a multisine to show whether the motor is linear there{driver}."
     )
     return [info("two-levels", sentence, parameters=("gain",))]
 

@@ -14,9 +14,10 @@ from servobench.identification.uncertainty.model_error import SOURCE
 from servobench.recordings.measurement.dataset import Dataset
 
 _FEWEST = 40.0  # steps in a time constant, or in the range of a speed
-# Fewer steps in a time constant than that and a rounding (a step / √12) is more than 5 % of the way: it is no small
-# perturbation of the model any more, which is what the intervals are worked out for. With more, 237 intervals of simulated motors
-# that nothing else speaks against lay 0.7 standard deviations off in the root mean square, and none more than 2.5.
+# Fewer steps than that in a time constant, at the longest that it may be, and a rounding (a step / √12) is more than 5 % of the
+# way: it is no small perturbation of the model any more, which is what the intervals are worked out for. With more, 237 intervals
+# of simulated motors that nothing else speaks against lay 0.7 standard deviations off in the root mean square, and none more
+# than 2.5.
 _BLIND = 1 / (0.05 * 12**0.5)
 _UNEVEN = 0.1  # of the median time step: what a clock that is read by a program may vary by anyway
 _ALIKE = 1e-3  # of a step: what is left of rounded decimals
@@ -51,7 +52,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     where = "while the motor accelerates" if kind == "position" else "over the whole range of the speed"
     model_error = any(line.source == SOURCE for line in fit.budget)
     # What has a time for each step isn't rounded.
-    allowed_for = by_edges or fewest >= _BLIND or (model_error and kind == "speed")
+    allowed_for = by_edges or (fewest >= _BLIND if kind == "position" else model_error)
     by = "and the intervals allow for it" if allowed_for else "perhaps by more than their intervals"
     sentence = (
         f"Each row is one step of the sensor, {plain(quantum, 3)} {unit}, at a time of its own, so the times tell the motion, "
