@@ -282,7 +282,7 @@ def test_a_rest_without_input_is_no_third_level() -> None:
     result = identify(dataset(seed=1, u=np.where(rest, 0.0, data.u)))
 
     (sentence,) = [each.sentence for each in result.findings if each.code == "two-levels"]
-    assert "the driver drops a part of the input" in sentence
+    assert "linear there, and whether the driver drops a part of the input or limits the current" in sentence
     assert "drives the motor at two levels only" in sentence
     coasts = identify(dataset(seed=1, u=np.where(rest, 0.0, data.u)[::-1].copy()))
     assert "two-levels" not in codes(coasts)

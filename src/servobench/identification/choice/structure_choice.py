@@ -246,8 +246,7 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
             return one_way
     fits = {each.structure: each for each in (frictionless, with_friction)}
     gains = change_text(frictionless.model["gain"], with_friction.model["gain"])
-    size = with_friction.model["coulomb_voltage"]
-    if better(with_friction, frictionless) and size > 2.0 * with_friction.sd("coulomb_voltage"):
+    if better(with_friction, frictionless) and is_certain("coulomb", with_friction):
         explained = _friction_text(frictionless, with_friction)
         sentence = f"Coulomb friction is needed: {explained} the gain would be {gains}."
         finding = info("friction-found", sentence, parameters=("coulomb_voltage",))

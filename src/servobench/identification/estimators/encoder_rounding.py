@@ -36,6 +36,11 @@ def shares(noise: float = 0.0) -> Array:
     return np.asarray(np.exp(-(periods**2) * noise) * 2 / periods**2, dtype=np.float64)
 
 
+def noise_before(residual_sd: float, quantum: float) -> float:
+    """Return the variance s²/Q² of the noise before the rounding to steps Q, by the standard deviation of both together."""
+    return max((residual_sd / quantum) ** 2 - 1 / 12, 0.0)
+
+
 def rounding_sines(columns: Array, path: Array, quantum: float, noise: float) -> tuple[Array, float]:
     """Return what the sines of the rounding error make of C'e for columns C (M, P), and the variance of what of it is white.
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.estimators.encoder_rounding import is_rounded, rounding_sines
+from servobench.identification.estimators.encoder_rounding import is_rounded, noise_before, rounding_sines
 
 # Over 21 lags, in 24 records of a right model, white noise and rounding reached 4.3; a pole of 5 ms beside one of 100 ms makes 8
 # and more.
@@ -49,7 +49,7 @@ def _by_rounding(record: FittedRecord, residual_sd: float, u: Array) -> Array:
     """The standard deviation of the sum at each lag by what the encoder rounds, for the path that the model foretells."""
     quantum = record.data.quantum or np.nan
     lagged = np.column_stack([np.concatenate([np.zeros(lag), u[: len(u) - lag]]) for lag in range(_LAGS + 1)])
-    noise = max((residual_sd / quantum) ** 2 - 1 / 12, 0.0)
+    noise = noise_before(residual_sd, quantum)
     sines, white = rounding_sines(lagged - lagged.mean(axis=0), record.prediction, quantum, noise)
     variance = np.sum(sines**2, axis=0) + white * np.sum(lagged**2, axis=0)
     return np.asarray(np.sqrt(variance) / residual_sd, dtype=np.float64)

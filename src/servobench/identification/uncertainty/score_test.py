@@ -27,7 +27,7 @@ from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.covariance import andrews_lag, long_run
 from servobench.identification.estimators.disturbance import whiten
-from servobench.identification.estimators.encoder_rounding import is_rounded, rounding_sines
+from servobench.identification.estimators.encoder_rounding import is_rounded, noise_before, rounding_sines
 from servobench.identification.models.base import simulate_output
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -386,7 +386,7 @@ def by_rounding(fit: Fit, columns: Array) -> Array | None:
         quantum = record.data.quantum or np.nan
         own = columns[row : row + len(record.data.y)]
         row += len(own)
-        noise = max((fit.residual_sd / quantum) ** 2 - 1 / 12, 0.0)
+        noise = noise_before(fit.residual_sd, quantum)
         shared, white = rounding_sines(own, record.prediction, quantum, noise)
         power += white * (own.T @ own)
         at = id(record.data.source)
