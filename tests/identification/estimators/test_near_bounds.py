@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from servobench.identification.estimators import output_error
+from servobench.identification.estimators import near_bounds
 from servobench.identification.estimators.least_squares import lowest, minimise
 from servobench.identification.estimators.near_bounds import intervals_near_bounds
 from servobench.identification.estimators.output_error import uncertainty
 from servobench.identification.identify import identify
-from servobench.identification.models.base import STRUCTURES, Structure
+from servobench.identification.models.base import STRUCTURES
 from tests.datasets import dataset
 from tests.rig.motor.reference import Truth
 
@@ -81,17 +81,33 @@ def test_a_valley_is_followed_to_its_end() -> None:
 
 def test_intervals_are_searched_for_the_fit_that_is_kept_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """A choice between structures and a cross-validation make half a dozen fits here, of which the result has one."""
-    searched: list[str] = []
+    searched: list[tuple[str, str]] = []
+    interval = near_bounds._Profile.interval
 
-    def counted(structure: Structure, *arguments: object) -> dict[str, tuple[float, float]]:
-        searched.append(STRUCTURES.name_of(structure))
-        return intervals_near_bounds(structure, *arguments)  # type: ignore[arg-type]
+    def counted(profile: near_bounds._Profile, lower: float, upper: float) -> tuple[float, float]:
+        name = profile.structure.parameters[profile.at].name
+        searched.append((STRUCTURES.name_of(profile.structure), name))
+        return interval(profile, lower, upper)
 
-    monkeypatch.setattr(output_error, "intervals_near_bounds", counted)
+    monkeypatch.setattr(near_bounds._Profile, "interval", counted)
 
     result = identify(dataset(seed=1, kind="prbs", samples=1500, truth=Truth(coulomb_torque=0.0)))
 
     assert result.validation is not None
     assert result.fit is not None
     assert "coulomb_voltage" in result.fit.intervals
-    assert searched == ["first_order_coulomb"]
+    assert searched == [("first_order_coulomb", "coulomb_voltage")]
+
+
+def test_an_interval_is_searched_for_once_it_is_read_and_by_itself() -> None:
+    data, minimum, covariance = _answer(1, 0.0)
+    covariance[np.diag_indices(len(covariance))] += 1.0  # each parameter may lie at its bound
+    intervals = intervals_near_bounds(COULOMB, data, minimum, covariance)
+
+    assert {"gain", "time_constant", "coulomb_voltage", "delay"} & set(intervals)
+    assert not intervals._ends
+
+    one = intervals["coulomb_voltage"]
+
+    assert intervals._ends == {"coulomb_voltage": one}
+    assert intervals["coulomb_voltage"] is one

@@ -48,7 +48,7 @@ class _Without:
 
     def tells(self, name: str) -> bool:
         """Whether it has an interval for that parameter."""
-        return name not in self.undetermined and bool(np.isfinite(self.fit[name].sd))
+        return name not in self.undetermined and bool(np.isfinite(self.fit.sd(name)))
 
 
 def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
@@ -219,7 +219,7 @@ def _ratio(name: str, selections: Sequence[_Without]) -> float:
 
 def _line(name: str, selections: Sequence[_Without]) -> str:
     low, high = _ends(name, selections)
-    words = parameter_in_words(name, low.fit[name].unit)
+    words = parameter_in_words(name, low.fit.unit(name))
     return f"the {words} is {_text(low.fit[name])} {low.which}, and {_text(high.fit[name])} {high.which}"
 
 

@@ -47,28 +47,35 @@ class FittedRecord:
 
 @dataclass(frozen=True, eq=False)
 class IntervalsOnDemand(Mapping[str, tuple[float, float]]):
-    """Intervals that are searched for when the first of them is read: most fits of a choice are dropped before that.
+    """Intervals each of which is searched for when it is read: most fits of a choice are dropped before that.
 
-    `search` is called once at most, and returns the intervals by name.
+    `search` is called once at most, and returns for each name what finds its interval, which is called once at most as well.
     """
 
-    search: Callable[[], Mapping[str, tuple[float, float]]]
+    search: Callable[[], Mapping[str, Callable[[], tuple[float, float]]]]
+    _ends: dict[str, tuple[float, float]] = field(default_factory=dict, init=False)
 
     @cached_property
-    def _found(self) -> Mapping[str, tuple[float, float]]:
+    def _searches(self) -> Mapping[str, Callable[[], tuple[float, float]]]:
         return self.search()
 
     def __getitem__(self, name: str) -> tuple[float, float]:
         """Return the interval of a parameter; raises `KeyError` where value ± 1.96 sd will do."""
-        return self._found[name]
+        if name not in self._ends:
+            self._ends[name] = self._searches[name]()
+        return self._ends[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether a parameter has such an interval, without looking for it."""
+        return name in self._searches
 
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names."""
-        return iter(self._found)
+        return iter(self._searches)
 
     def __len__(self) -> int:
         """Return how many there are."""
-        return len(self._found)
+        return len(self._searches)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -112,7 +119,7 @@ class Fit:
         return replace(
             self,
             covariance=self.covariance + line.covariance,
-            intervals=IntervalsOnDemand(partial(self._widen_sides, TWO_SIDED**2 * np.diag(line.covariance))),
+            intervals=self._widen_sides(TWO_SIDED**2 * np.diag(line.covariance)),
             budget=(*self.budget, line),
         )
 
@@ -126,26 +133,37 @@ class Fit:
             budget=tuple(each for each in self.budget if each.source != source),
         )
 
-    def _widen_sides(self, squares: Array) -> dict[str, tuple[float, float]]:
+    def _widen_sides(self, squares: Array) -> IntervalsOnDemand:
         """The uneven intervals with so much more (P,) in the square of each side."""
-        grown = {}
-        for name, (low, high) in self.intervals.items():
-            at = self.model.names.index(name)
-            value = float(self.model.theta[at])
-            below, above = (
-                (side**2 + squares[at]) if squares[at] else side**2 for side in (value - low, high - value)
-            )
-            grown[name] = (value - max(below, 0.0) ** 0.5, value + max(above, 0.0) ** 0.5)
-        return grown
+        return IntervalsOnDemand(partial(self._wider_sides, squares))
+
+    def _wider_sides(self, squares: Array) -> dict[str, Callable[[], tuple[float, float]]]:
+        return {name: partial(self._wider_interval, name, squares) for name in self.intervals}
+
+    def _wider_interval(self, name: str, squares: Array) -> tuple[float, float]:
+        """The uneven interval of a parameter with so much more (P,) in the square of each side."""
+        low, high = self.intervals[name]
+        at = self.model.names.index(name)
+        value = float(self.model.theta[at])
+        below, above = (
+            (side**2 + squares[at]) if squares[at] else side**2 for side in (value - low, high - value)
+        )
+        return value - max(below, 0.0) ** 0.5, value + max(above, 0.0) ** 0.5
 
     def __getitem__(self, name: str) -> Estimate:
-        """Return the estimate of a parameter, with its 95 % interval."""
-        return self.estimates[name]
+        """Return the estimate of a parameter, with its 95 % interval; raises `KeyError` for one that the model hasn't."""
+        if name not in self.model.names:
+            raise KeyError(name)
+        return self._estimate(self.model.names.index(name))
 
     def sd(self, name: str) -> float:
         """Return the standard deviation of a parameter, in its unit, without looking for its interval."""
         at = self.model.names.index(name)
         return float(np.sqrt(self.covariance[at, at]))
+
+    def unit(self, name: str) -> str:
+        """Return the unit of a parameter, without looking for its interval."""
+        return self.model.structure.parameters[self.model.names.index(name)].unit_in(self.model.data)
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -155,20 +173,18 @@ class Fit:
         at that end and the input changes again. Friction that falls with the speed takes no more than all of the input, and has
         fallen at the largest speed.
         """
-        sd, estimates = np.sqrt(np.diag(self.covariance)), {}
-        for parameter, value, s, unit in zip(
-            self.model.structure.parameters, self.model.theta, sd, self.model.units, strict=True
-        ):
-            name = parameter.name
-            low, high = self.intervals.get(name, (value - TWO_SIDED * s, value + TWO_SIDED * s))
-            if name == "delay" and self.delays_differ:
-                high = max(high, 2.0 * value - low)
-            most = self._most(name, parameter.upper)
-            interval = float(max(low, min(parameter.lower, value))), float(min(high, max(most, value)))
-            estimates[name] = Estimate(
-                value=float(value), sd=float(s), interval=interval, level=0.95, unit=unit
-            )
-        return estimates
+        return {name: self._estimate(at) for at, name in enumerate(self.model.names)}
+
+    def _estimate(self, at: int) -> Estimate:
+        """The estimate of parameter number `at`, of which alone the interval is looked for."""
+        parameter, value = self.model.structure.parameters[at], float(self.model.theta[at])
+        name, sd = parameter.name, float(np.sqrt(self.covariance[at, at]))
+        low, high = self.intervals.get(name, (value - TWO_SIDED * sd, value + TWO_SIDED * sd))
+        if name == "delay" and self.delays_differ:
+            high = max(high, 2.0 * value - low)
+        most = self._most(name, parameter.upper)
+        interval = float(max(low, min(parameter.lower, value))), float(min(high, max(most, value)))
+        return Estimate(value=value, sd=sd, interval=interval, level=0.95, unit=self.unit(name))
 
     def _most(self, name: str, nature: float) -> float:
         """The largest value of a parameter that nature and the records allow."""

@@ -11,7 +11,6 @@ intervals, docs/decisions/0006-intervals.md.)
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -71,7 +70,7 @@ def allow_for_misfit(fit: Fit) -> Fit:
     wider = fit.widen(line)
     return replace(
         wider,
-        intervals=IntervalsOnDemand(partial(_near_bounds, fit, wider.covariance)),
+        intervals=_near_bounds(fit, wider.covariance),
         findings=(*fit.findings, _finding(wider, theta)),
     )
 
@@ -90,7 +89,7 @@ def _without_noise_model(fit: Fit) -> Array:
     return variance * inverse(h + np.diag(variance / (WEAK * sizes(fit)) ** 2))[:shared, :shared]
 
 
-def _near_bounds(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
+def _near_bounds(fit: Fit, covariance: Array) -> IntervalsOnDemand:
     """The intervals of parameters near a bound, with a wider covariance (P, P) than the fit's."""
     data = [record.data for record in fit.records]
     prior = prior_of(fit)

@@ -14,14 +14,15 @@ cost hasn't risen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import IntervalsOnDemand
 from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.delay_prior import DelayPrior
 from servobench.identification.estimators.friction_across import FRICTION, nearest_corner
@@ -51,24 +52,37 @@ def intervals_near_bounds(
     covariance: Array,
     variance: float = 1.0,
     prior: DelayPrior | None = None,
-) -> dict[str, tuple[float, float]]:
+) -> IntervalsOnDemand:
     """Return the 95 % intervals of those shared parameters that are within 3 standard deviations of a bound, by name.
+
+    Each is searched for when it is read.
 
     An input under which the shaft rests counts as a bound of friction. `covariance` (P, P) is that of the shared parameters, with
     the `prior` of the delay in it where there is one, for which the `variance` of the residuals is needed; parameters of which
     the data say nothing are left out.
     """
+    return IntervalsOnDemand(partial(_searches, structure, tuple(data), minimum, covariance, variance, prior))
+
+
+def _searches(
+    structure: Structure,
+    data: tuple[Dataset, ...],
+    minimum: Minimum,
+    covariance: Array,
+    variance: float,
+    prior: DelayPrior | None,
+) -> dict[str, Callable[[], tuple[float, float]]]:
+    """What finds the interval of each parameter that is near a bound, by name."""
     lower, upper = structure.bounds(data)
-    intervals = {}
+    searches: dict[str, Callable[[], tuple[float, float]]] = {}
     for n, parameter in enumerate(structure.parameters):
         sd, value = float(np.sqrt(covariance[n, n])), float(minimum.theta[n])
         corner = nearest_corner(data, value) if structure.friction and parameter.name == FRICTION else None
         corners = [bound for bound in (lower[n], upper[n], corner) if bound is not None]
-        if not (0 < sd < np.inf) or min(abs(value - each) for each in corners) > _NEAR * sd:
-            continue
-        profile = _Profile(structure, tuple(data), minimum, n, sd, variance, prior)
-        intervals[parameter.name] = (profile.end(-1.0, float(lower[n])), profile.end(1.0, float(upper[n])))
-    return intervals
+        if 0 < sd < np.inf and min(abs(value - each) for each in corners) <= _NEAR * sd:
+            profile = _Profile(structure, data, minimum, n, sd, variance, prior)
+            searches[parameter.name] = partial(profile.interval, float(lower[n]), float(upper[n]))
+    return searches
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +96,10 @@ class _Profile:
     sd: float
     variance: float
     prior: DelayPrior | None
+
+    def interval(self, lower: float, upper: float) -> tuple[float, float]:
+        """The interval of a parameter with these bounds."""
+        return self.end(-1.0, lower), self.end(1.0, upper)
 
     def end(self, side: float, bound: float) -> float:
         """The end of the interval on one side (±1): where the cost has risen by as much as it may, or the bound.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -21,7 +20,6 @@ from servobench.identification.estimators.base import (
     Abilities,
     Fit,
     FittedRecord,
-    IntervalsOnDemand,
     hindrance,
     too_few,
 )
@@ -108,8 +106,8 @@ def fit_minimum(structure: Structure, data: Sequence[Dataset], minimum: Minimum)
     """Return the fit that a minimum of the squared residuals stands for, or the place beside it where the delay is usual."""
     fit, minimum, prior = _roughly(structure, data, minimum)
     variance = fit.residual_sd**2
-    search = partial(intervals_near_bounds, structure, data, minimum, fit.covariance, variance, prior)
-    return replace(fit, intervals=IntervalsOnDemand(search))
+    intervals = intervals_near_bounds(structure, data, minimum, fit.covariance, variance, prior)
+    return replace(fit, intervals=intervals)
 
 
 def fit_minimum_roughly(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from servobench.identification.estimators.base import (
     Abilities,
     Fit,
     FittedRecord,
-    IntervalsOnDemand,
     hindrance,
 )
 from servobench.identification.estimators.disturbance import (
@@ -112,9 +110,7 @@ class PredictionError:
             status=minimum.status,
             residual_sd=float(np.sqrt(disturbance.variance)),
             disturbance=disturbance,
-            intervals=IntervalsOnDemand(
-                partial(intervals_near_bounds, model, model.whitened_data, minimum, covariance)
-            ),
+            intervals=intervals_near_bounds(model, model.whitened_data, minimum, covariance),
             records=records,
             findings=(*remarks(structure, data, minimum), _finding(likelihood, data[0])),
             budget=(),  # that of the other estimator is of its covariance

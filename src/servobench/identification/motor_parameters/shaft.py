@@ -63,7 +63,7 @@ def _hindrance(fit: Fit) -> Finding | None:
 
 def _unknown(fit: Fit) -> str:
     """The gain or the time constant, where it isn't known; empty otherwise."""
-    vague = [name for name in ("gain", "time_constant") if not fit[name].sd < 0.5 * abs(fit[name].value)]
+    vague = [name for name in ("gain", "time_constant") if not fit.sd(name) < 0.5 * abs(fit.model[name])]
     return parameter_in_words(vague[0]) if vague else ""
 
 

@@ -157,7 +157,7 @@ def _check(fit: Fit, names: Sequence[Name]) -> None:
             )
     for name in names:
         if name != "delay" and not is_known(fit[name]):
-            clause = unknown_clause(parameter_statuses(fit)[name], combinations(fit))
+            clause = unknown_clause(parameter_statuses(fit, (name,))[name], combinations(fit))
             raise NotIdentifiable(f"there is nothing to compare with: {clause}")
 
 

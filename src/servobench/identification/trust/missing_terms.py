@@ -62,8 +62,8 @@ def _directions_sized(shown: TermScore) -> str:
 def _directions_within(shown: TermScore) -> bool:
     """Whether the interval of the gain K holds those of both directions, K (1 ± a/u) for an amount a of a largest input u."""
     size, half = shown.whole
-    gain = shown.fit["gain"]
-    return (size + half) / shown.largest * abs(gain.value) <= TWO_SIDED * gain.sd
+    fit = shown.fit
+    return (size + half) / shown.largest * abs(fit.model["gain"]) <= TWO_SIDED * fit.sd("gain")
 
 
 def _ripple_sized(shown: TermScore) -> str:
@@ -321,10 +321,10 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
     if not isinstance(structure, Rational):
         return []
     names = [name for name in fit.model.names if name != "delay"]
-    unsure = [name for name in names if not 2 * fit[name].sd < abs(fit[name].value)]
+    unsure = [name for name in names if not 2 * fit.sd(name) < abs(fit.model[name])]
     findings = []
     if unsure:
-        unsure_text = ", ".join(f"{n} ({fit[n].value:.3g} ± {TWO_SIDED * fit[n].sd:.2g})" for n in unsure)
+        unsure_text = ", ".join(f"{n} ({fit.model[n]:.3g} ± {TWO_SIDED * fit.sd(n):.2g})" for n in unsure)
         sentence = (
             f"These coefficients aren't significantly different from zero: {unsure_text}. The order is "
             "higher than the data support, which makes the others less certain: try "

@@ -50,8 +50,8 @@ def _is_open(fit: Fit) -> bool:
         return False
     if not {"gain", "time_constant"} <= set(fit.model.names):
         return False
-    answers = parameter_statuses(fit)
-    return all(answers[name].state is State.COMBINATION for name in ("gain", "time_constant"))
+    answers = parameter_statuses(fit, ("gain", "time_constant"))
+    return all(each.state is State.COMBINATION for each in answers.values())
 
 
 def _ways(fit: Fit) -> Iterator[Array]:

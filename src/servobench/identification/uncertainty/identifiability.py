@@ -81,26 +81,31 @@ class ParameterStatus:
     mirrored: bool = False
 
 
-def parameter_statuses(fit: Fit) -> dict[str, ParameterStatus]:
-    """Return what a fit tells of each of its parameters, by name."""
+def parameter_statuses(fit: Fit, names: Sequence[str] | None = None) -> dict[str, ParameterStatus]:
+    """Return what a fit tells of each of its parameters, or of those with certain `names`, by name.
+
+    An interval near a bound is searched for, which takes long; it is where the answer hangs on it.
+    """
+    wanted = fit.model.names if names is None else names
     known = {each.name: each for each in combinations(fit)}
-    statuses = {name: _status(fit, name, estimate, known) for name, estimate in fit.estimates.items()}
-    if not any(may_be_zero(statuses[name]) for name in ("gain", "loop_gain") if name in statuses):
-        return statuses
-    return {
-        name: replace(each, state=State.UNKNOWN, remedy=_remedy(name, fit)) for name, each in statuses.items()
-    }
+    gains = [name for name in ("gain", "loop_gain") if name in fit.model.names]
+    statuses = {name: _status(fit, name, fit[name], known) for name in dict.fromkeys((*wanted, *gains))}
+    if any(may_be_zero(statuses[name]) for name in gains):
+        statuses = {
+            name: replace(each, state=State.UNKNOWN, remedy=_remedy(name, fit))
+            for name, each in statuses.items()
+        }
+    return {name: statuses[name] for name in wanted}
 
 
 def combinations(fit: Fit) -> tuple[Combination, ...]:
     """Return the combinations of parameters that are known where not all of their parts are, in the order of `answers`."""
-    parts = fit.estimates
     candidates = [
         each
         for each in (make(fit) for make in (_lag, _drive, _acceleration, _acceleration_at_level))
-        if each is not None and _relative(each.estimate) <= _TOGETHER and _tells_more(each, parts)
+        if each is not None and _relative(each.estimate) <= _TOGETHER and _tells_more(each, fit)
     ]
-    vague = "gain" in parts and _relative(parts["gain"]) > _KNOWN
+    vague = "gain" in fit.model.names and _relative(fit["gain"]) > _KNOWN
     if vague and not any("gain" in each.parameters for each in candidates):
         settled = _largest_settled_speed(fit)
         candidates += [] if settled is None else [settled]
@@ -109,17 +114,19 @@ def combinations(fit: Fit) -> tuple[Combination, ...]:
     return tuple(each for each in candidates if not (elsewhere and each.name == "acceleration_at_level"))
 
 
-def _tells_more(whole: Combination, parts: Mapping[str, Estimate]) -> bool:
+def _tells_more(whole: Combination, fit: Fit) -> bool:
     """Whether a combination is known much better than the first of its parts, which isn't known well.
 
     A sum that is known less well than another of its parts says nothing beyond that.
     """
-    first, *others = (parts[name] for name in whole.parameters)
-    vague = any(
-        is_known(other) and other.unit == whole.estimate.unit and other.half_width < whole.estimate.half_width
-        for other in others
+    first, *others = whole.parameters
+    if not _relative(fit[first]) > max(_ROUGH, _BETTER * _relative(whole.estimate)):
+        return False
+    parts = (fit[name] for name in others)
+    return not any(
+        is_known(part) and part.unit == whole.estimate.unit and part.half_width < whole.estimate.half_width
+        for part in parts
     )
-    return not vague and _relative(first) > max(_ROUGH, _BETTER * _relative(whole.estimate))
 
 
 def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combination]) -> ParameterStatus:

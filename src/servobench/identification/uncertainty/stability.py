@@ -159,4 +159,4 @@ def _sentence(
 
 
 def _list(fit: Fit, names: Sequence[str]) -> str:
-    return ", ".join(parameter_in_words(name, fit[name].unit) for name in names)
+    return ", ".join(parameter_in_words(name, fit.unit(name)) for name in names)

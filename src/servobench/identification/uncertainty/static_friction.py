@@ -60,7 +60,7 @@ def with_static_friction(fit: Fit) -> Fit:
     if len(start) < _FEW or float(np.quantile(1.0 - stop / start, 0.25)) < _CLEARLY:
         return fit
     high, low = float(np.median(start)), float(np.median(stop))
-    unit = fit["coulomb_voltage"].unit
+    unit = fit.unit("coulomb_voltage")
     sentence = (
         f"The shaft starts at {with_unit(high, unit, 2)} and stops at {with_unit(low, unit, 2)} (medians of {len(start)} runs): "
         "static friction is larger than sliding friction, which a single Coulomb friction can't describe. Identify records in "

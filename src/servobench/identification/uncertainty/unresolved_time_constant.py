@@ -27,7 +27,7 @@ def with_unresolved_time_constant(fit: Fit) -> Fit:
         return fit
     at = fit.model.names.index("time_constant")
     variance, value = float(fit.covariance[at, at]), float(fit.model.theta[at])
-    answer = parameter_statuses(fit)["time_constant"]
+    answer = parameter_statuses(fit, ("time_constant",))["time_constant"]
     if answer.state not in _OPEN or not 0 < variance < np.inf:
         return fit
     reach = value

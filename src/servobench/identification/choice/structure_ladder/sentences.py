@@ -51,7 +51,7 @@ def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
     """
     new = [n for n in rung.fit.model.names if n not in fit.model.names]
     sizes = ", ".join(
-        f"{parameter_in_words(n, rung.fit[n].unit)} {_size(rung.fit, n)}" for n in new
+        f"{parameter_in_words(n, rung.fit.unit(n))} {_size(rung.fit, n)}" for n in new
     ) + _gains(rung)
     if not is_certain(rung.term, rung.fit):
         sentence = (
@@ -94,12 +94,12 @@ def _gains(rung: Rung) -> str:
         return ""
     gain, drag = rung.fit.model["gain"], rung.fit.model["drag_asymmetry"]
     forward, backward = (number(gain / (1.0 + way * gain * drag)) for way in (1.0, -1.0))
-    return f", so a gain of {forward} {rung.fit['gain'].unit} forward and {backward} backward"
+    return f", so a gain of {forward} {rung.fit.unit('gain')} forward and {backward} backward"
 
 
 def _size(fit: Fit, name: str) -> str:
     """A parameter with its unit; its interval is left to the table, as what is allowed for later is part of it."""
-    unit = fit.model.units[fit.model.names.index(name)]
+    unit = fit.unit(name)
     return with_unit(float(fit.model[name]), "" if unit == "1" else unit, 2)
 
 

@@ -42,7 +42,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     hidden = _host_delay(fit)
     if not hidden:
         return []
-    if not hidden / np.sqrt(3.0) > _WORTH_A_WORD * fit["delay"].sd:
+    if not hidden / np.sqrt(3.0) > _WORTH_A_WORD * fit.sd("delay"):
         return []
     sentence = (
         f"The computer needed {microseconds(hidden)} µs to read the sensors and write the voltage, "

@@ -69,9 +69,10 @@ def _is_only_sum_known(fit: Fit) -> bool:
     """Whether gain and lag are known, the time constant isn't, and a coarse sensor is the reason."""
     if not {"gain", "time_constant", "delay"} <= set(fit.model.names) or not fit.converged:
         return False
-    gain, tau = fit["gain"], fit["time_constant"]
-    lag, step = tau.value + fit["delay"].value, max(record.data.sample_time for record in fit.records)
-    if tau.sd < _UNKNOWN * tau.value or not gain.sd < _UNKNOWN * abs(gain.value):
+    tau, step = fit.model["time_constant"], max(record.data.sample_time for record in fit.records)
+    lag = tau + fit.model["delay"]
+    known_apart = fit.sd("time_constant") < _UNKNOWN * tau
+    if known_apart or not fit.sd("gain") < _UNKNOWN * abs(fit.model["gain"]):
         return False
     known = 0 <= _variance(fit) < (_UNKNOWN * lag) ** 2 and lag > _SAMPLES * step
     return known and fit.fit_percent > _EXPLAINED and is_coarse(fit)

@@ -22,7 +22,7 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
     if not any(record.data.closed_loop for record in fit.records):
         return []
     if all(_is_law_backward(fit, record) for record in fit.records):
-        gain = with_unit(fit.model["gain"], fit["gain"].unit, 3)
+        gain = with_unit(fit.model["gain"], fit.unit("gain"), 3)
         sentence = (
             f"In this closed loop the voltage follows from the output, and the gain of {gain} is the controller's law read "
             "backward, not the motor's: it explains the output at once, without a time constant. "
@@ -30,7 +30,7 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
         )
         return [refusal("loop-tells-little", sentence, parameters=("gain", "time_constant"))]
     names = [name for name in ("gain", "time_constant") if name in fit.model.names]
-    if fit.converged and all(fit[name].sd <= _KNOWN * abs(fit[name].value) for name in names):
+    if fit.converged and all(fit.sd(name) <= _KNOWN * abs(fit.model[name]) for name in names):
         return []
     if fit.converged and fit.fit_percent >= _EXPLAINED:
         sentence = f"This closed loop reveals little about the motor. For narrower intervals use {_MORE}"

@@ -15,7 +15,7 @@ def _time_scale(fit: Fit) -> list[Finding]:
     """Whether the time constant lies between the sample time and the length of the record."""
     if "time_constant" not in fit.model.names:
         return []
-    tau = fit["time_constant"].value
+    tau = fit.model["time_constant"]
     step = max(record.data.sample_time for record in fit.records)
     # Of a closed loop only the stretches of motion may be there: all of them follow one another in one record.
     together = sum if any(record.data.closed_loop for record in fit.records) else max
