@@ -22,7 +22,7 @@ from servobench.rig.experiment.experiment import Experiment
 from servobench.rig.loop.run import run
 from servobench.rig.motor.parameters import QUBE_SERVO_2
 from servobench.systems.signals.prbs import PRBS
-from tests.datasets import QUANTUM, dataset
+from tests.datasets import QUANTUM, dataset, prbs
 from tests.rig.motor.reference import Truth
 
 
@@ -272,6 +272,28 @@ def test_a_time_column_in_milliseconds_that_nobody_named_is_doubted() -> None:
 
 def test_two_levels_of_the_input_are_reported() -> None:
     assert "two-levels" in codes(identify(dataset(seed=1)))
+
+
+@pytest.mark.parametrize(
+    ("levels", "unit", "hidden"),
+    [
+        ((-3.0, 3.0), "V", {"drops a part of the input", "limits the current"}),
+        ((-3.0, 2.0), "V", {"limits the current"}),
+        ((-3.0, 3.0), "A", set()),
+    ],
+)
+def test_what_two_levels_hide_of_the_driver_is_said(
+    levels: tuple[float, float], unit: str, hidden: set[str]
+) -> None:
+    """A dead band takes the same of levels that differ in sign alone, and a driver of currents keeps its own limit."""
+    u = np.where(prbs(3000, 50, np.random.default_rng(1)) < 0, *levels)
+
+    result = identify(replace(dataset(seed=1, u=u, samples=3000), input_unit=unit))
+
+    (sentence,) = [each.sentence for each in result.findings if each.code == "two-levels"]
+    assert {
+        each for each in ("drops a part of the input", "limits the current") if each in sentence
+    } == hidden
 
 
 def test_a_rest_without_input_is_no_third_level() -> None:

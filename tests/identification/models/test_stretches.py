@@ -54,6 +54,32 @@ def test_a_loop_that_comes_to_rest_tells_the_motor_and_names_no_false_cause(
         assert abs(result.fit[name].value - true) < 3.3 * result.fit[name].sd, name
 
 
+@pytest.mark.parametrize("torque_noise", [0.0, 3e-5])
+def test_rests_are_doubted_by_the_loop_that_has_them_and_not_by_another_record(torque_noise: float) -> None:
+    """The other record's sensor has no counts, and its noise is no torque."""
+    with Twin() as motor:
+        other = measure(run(Experiment(signal=Sine(amplitude=5, frequency=0.7), seed=2), motor))
+    noise = np.random.default_rng(3).normal(0.0, QUANTUM, len(other.y))
+
+    result = identify(
+        [followed(square(5), torque_noise, seed=1), replace(other, y=other.y + noise, quantum=None)]
+    )
+
+    (rests,) = [each for each in result.findings if each.code == "rests-left-out"]
+    assert (rests.severity is Severity.WARNING) == (torque_noise > 0)
+
+
+@pytest.mark.parametrize("torque_noise", [0.0, 3e-5])
+def test_rests_of_a_sensor_without_counts_are_doubted_where_a_torque_is_found(torque_noise: float) -> None:
+    data = followed(square(5), torque_noise, seed=1)
+    noise = np.random.default_rng(3).normal(0.0, QUANTUM, len(data.y))
+
+    result = identify(replace(data, y=data.y + noise, quantum=None))
+
+    (rests,) = [each for each in result.findings if each.code == "rests-left-out"]
+    assert (rests.severity is Severity.WARNING) == (torque_noise > 0)
+
+
 def test_what_the_controller_answers_to_a_torque_is_not_taken_for_the_motors_time_constant() -> None:
     """A sine excites little: predicted over blocks of samples, τ came out 1.7 % low, 1.9 standard deviations, on average."""
     off = []

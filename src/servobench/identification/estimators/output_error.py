@@ -26,7 +26,12 @@ from servobench.identification.estimators.base import (
 from servobench.identification.estimators.covariance import conservative, inverse, sandwich_from_bread
 from servobench.identification.estimators.delay_across import with_delay_across
 from servobench.identification.estimators.delay_prior import DelayPrior, prior_of_delay, where_expected
-from servobench.identification.estimators.encoder_rounding import counts_in_place, is_rounded, rounding_sines
+from servobench.identification.estimators.encoder_rounding import (
+    counts_in_place,
+    is_rounded,
+    noise_before,
+    rounding_sines,
+)
 from servobench.identification.estimators.friction_across import with_friction_across
 from servobench.identification.estimators.gain_sign import with_usual_sign
 from servobench.identification.estimators.least_squares import (
@@ -401,7 +406,7 @@ def _rounding_covariance(
             out[np.ix_(place, place)] += variance * square
             continue
         has_rounding = True
-        beyond = 0.0 if alone else max(variance / record.quantum**2 - 1 / 12, 0.0)
+        beyond = 0.0 if alone else noise_before(float(np.sqrt(variance)), record.quantum)
         j, _ = jacobian_and_residual(record, prediction)
         path = prediction.y if len(j) == len(prediction.y) else prediction.y[prediction.valid]
         own, white = rounding_sines(j, path, record.quantum, beyond)

@@ -97,9 +97,9 @@ def _changes(case: Case) -> CauseFit | None:
     )
     share = 2 * np.sqrt(3 * np.sum(added**2) / case.plain.total)  # from end to end, what changes evenly
     sentence = (
-        "The motor responded differently at the end of the record than at the beginning, by about "
-        f"{plain(100 * share, 2)} % of its speed: the supply sagged, the motor warmed up, or its "
-        "friction changed. The parameters are a mean over the record."
+        "The motor seems to respond differently at the end of the record than at the beginning, by about "
+        f"{plain(100 * share, 2)} % of its speed: the supply may have sagged, the motor may have warmed up, or its friction "
+        "may have changed. The parameters are a mean over the record."
     )
     return CauseFit(
         finding=warning("motor-changes", sentence, parameters=("gain", "time_constant")),
