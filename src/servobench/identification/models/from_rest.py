@@ -23,7 +23,10 @@ from servobench.core.channels import Array
 from servobench.core.compiled import compiled
 
 GAIN, TAU, POSITION = 0, 1, 2
-_SETTLED = 1e-8  # of gain and time constant: a smaller step is none
+# Of gain and time constant: what a smaller step leaves is of the order of its square, which is none.
+_SETTLED = 1e-5
+_NEARLY = 0.03  # of them: near enough to go on with all samples
+_PART = 8  # of all samples, one in so many, from the first on
 
 
 @compiled
@@ -67,10 +70,25 @@ def normal_equations(u: Array, y: Array, step: float, p: Array, h: Array, g: Arr
 
 @compiled
 def fit_from_rest(u: Array, y: Array, step: float, p: Array, most: int) -> int:
-    """Move p = (K, τ, θ₀) to the least sum of squares, by Gauss and Newton; return the number of steps, or -1.
+    """Move p = (K, τ, θ₀) to the least sum of squares, by Gauss and Newton; return the number of passes, or -1.
 
-    τ stays above the sample time `step` [s]. -1 says that it didn't settle in `most` steps. Others as in `normal_equations`.
+    τ stays above the sample time `step` [s]. The first eighth of the samples leads nearly there, at an eighth of the cost of a
+    pass; where it doesn't, the search begins again at p with all of them. -1 says that it didn't settle in `most` passes over
+    all samples. Others as in `normal_equations`.
     """
+    start = p.copy()
+    part = len(y) // _PART
+    if part > 0 and _settle(u[:part], y[:part], step, p, most, _NEARLY) > 0:
+        passes = _settle(u, y, step, p, most, _SETTLED)
+        if passes > 0:
+            return passes
+    p[:] = start
+    return _settle(u, y, step, p, most, _SETTLED)
+
+
+@compiled
+def _settle(u: Array, y: Array, step: float, p: Array, most: int, settled: float) -> int:
+    """Move p until a step is shorter than the part `settled` of gain and time constant; return as `fit_from_rest` does."""
     h, g = np.empty((3, 3)), np.empty(3)
     for n in range(most):
         normal_equations(u, y, step, p, h, g)
@@ -92,6 +110,6 @@ def fit_from_rest(u: Array, y: Array, step: float, p: Array, most: int) -> int:
         p[GAIN] += gain
         p[TAU] += tau
         p[POSITION] += position
-        if abs(gain) < _SETTLED * abs(p[GAIN]) and abs(tau) < _SETTLED * p[TAU]:
+        if abs(gain) < settled * abs(p[GAIN]) and abs(tau) < settled * p[TAU]:
             return n + 1
     return -1
