@@ -11,9 +11,9 @@ the filter, and r is the noise of these means, not Q²/12.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -466,14 +466,16 @@ class WhitenedStructure:
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the innovations of the prediction and of its Jacobian for theta (P + Q,), the filter held fixed."""
         plain, record = self.structure.predict(theta, data), self._record(data)
-        both = self._filter_columns(np.column_stack([plain.y - record.y, plain.jacobian]), theta, data)
+        sliding = plain.sliding or partial(self.structure.sliding, theta, data)
+        both = self._filter_columns(np.column_stack([plain.y - record.y, plain.jacobian]), sliding, data)
         valid = np.zeros(len(plain.y), dtype=bool)
         valid[self._blocks(data).starts] = True
         return Prediction(y=both[:, 0], jacobian=both[:, 1:], valid=valid)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the innovations (M, E) of what the structure knows that it may be wrong by, for theta (P + Q,)."""
-        return self._filter_columns(self.structure.unmodelled(theta, data), theta, data)
+        unmodelled = self.structure.unmodelled(theta, data)
+        return self._filter_columns(unmodelled, partial(self.structure.sliding, theta, data), data)
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """That of the structure, for theta (P + Q,)."""
@@ -496,14 +498,14 @@ class WhitenedStructure:
     def _record(self, data: Dataset) -> Dataset:
         return next(record for record in self.data if record.t_output is data.t_output)
 
-    def _filter_columns(self, x: Array, theta: Array, data: Dataset) -> Array:
+    def _filter_columns(self, x: Array, sliding: Callable[[], Sliding], data: Dataset) -> Array:
         """Columns x (M, K) as innovations of unit variance at the first samples of the blocks, zero elsewhere.
 
-        The shaft turns back where it does with theta: columns that turn elsewhere would seem to say much in between.
+        The shaft turns back where it does in the prediction: columns that turn elsewhere would seem to say much in between.
         """
         blocks, noise = self._blocks(data), self.disturbance
         if self.structure.friction:
-            blocks = blocks.turning_as(self.structure.sliding(theta, data))
+            blocks = blocks.turning_as(sliding())
         innovations, _ = _innovations(blocks.means(x), blocks, data.kind, noise.tau, noise.ratio)
         out = np.zeros_like(x)
         out[blocks.starts] = innovations / np.sqrt(noise.variance)

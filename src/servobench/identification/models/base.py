@@ -45,12 +45,14 @@ class Prediction:
     """A structure's prediction for a dataset, in the dataset's own terms.
 
     `y` (M,) in the dataset's output unit; `jacobian` (M, P + Q): by the P parameters, then by the Q nuisance parameters of
-    this record; `valid` (M,) is False where the chain still looks back before the record.
+    this record; `valid` (M,) is False where the chain still looks back before the record. `sliding` is as `Structure.sliding`,
+    where a prediction knows it without another simulation.
     """
 
     y: Array
     jacobian: Array
     valid: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    sliding: Callable[[], Sliding] | None = None
 
 
 @runtime_checkable

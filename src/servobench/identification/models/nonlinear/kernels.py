@@ -335,16 +335,16 @@ def response(
     gravity: bool,
     speed_out: bool,
     columns: NDArray[np.int64],
-    y: Array,
+    both: Array,
     jac: Array,
 ) -> None:
-    """Fill y (M,) and jac (M, C) with the response at t_out (M,) to inputs u (N,) that hold from t_in (N,).
+    """Fill both (2, M), angle and speed, and jac (M, C) with the response at t_out (M,) to inputs u (N,), held from t_in (N,).
 
     p (13,) is (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ at t_out[0], ω at t_out[0]), and `columns` (C,) are those
     of them whose derivatives are wanted. The flags say which terms act, and whether the speed or the angle is wanted. A sample
     is latched before an input of the same instant acts. Where a motor runs away beyond all numbers, turns round without end as
-    none can (friction that drives), or takes more than 8 steps for each sample and input and 20,000 beside, y is infinite from
-    there on.
+    none can (friction that drives), or takes more than 8 steps for each sample and input and 20,000 beside, both are infinite
+    from there on.
     """
     count = len(columns)
     x = np.zeros((2, WIDTH))
@@ -363,7 +363,7 @@ def response(
         if sense == 0.0:
             x[1, :] = 0.0  # a shaft that sticks forgets how it came to rest
         if now >= t_out[m]:
-            y[m] = w if speed_out else angle
+            both[0, m], both[1, m] = angle, w
             for n in range(count):
                 jac[m, n] = x[row, columns[n]]
             m += 1
@@ -380,7 +380,7 @@ def response(
             taken += 1
             allowed -= 1
             if taken > _ENDLESS or allowed < 0 or not abs(w) + abs(f) < _BEYOND:
-                y[m:] = np.inf
+                both[:, m:] = np.inf
                 jac[m:, :] = 0.0
                 return
             left, highest = until - now, max(highest, abs(w))

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,18 +187,19 @@ class NonlinearMotor:
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""
         kind = data.kind if is_plain(data) else data.shaft_kind
-        y, jacobian = self.response(theta, data, kind, data.t_output)
-        shared = len(self.parameters)
-        start = 2 if data.kind == "position" else 1
-        return through_chain(y, jacobian, theta[shared + start :], data)
+        (angle, speed), jacobian = self.response(theta, data, kind, data.t_output)
+        start = len(self.parameters) + (2 if data.kind == "position" else 1)
+        prediction = through_chain(speed if kind == "speed" else angle, jacobian, theta[start:], data)
+        # An integration of its own for the same speed would take as long as this one.
+        return replace(prediction, sliding=partial(self._sliding_at, speed, theta, data))
 
     def simulate(self, theta: Array, data: Dataset, u: Array) -> Array:
         """Return the prediction (M,) alone, through the data's chain, for theta (P + Q,) and an input u (N,) at its times."""
         driven = data if u is data.u else replace(data, u=u, reference=None)
         kind = data.kind if is_plain(data) else data.shaft_kind
-        y, none = self.response(theta, driven, kind, data.t_output, derivatives=False)
-        start = 2 if data.kind == "position" else 1
-        return through_chain(y, none, theta[len(self.parameters) + start :], data).y
+        (angle, speed), none = self.response(theta, driven, kind, data.t_output, derivatives=False)
+        start = len(self.parameters) + (2 if data.kind == "position" else 1)
+        return through_chain(speed if kind == "speed" else angle, none, theta[start:], data).y
 
     def vector(self, theta: Array, data: Dataset) -> Array:
         """Return the kernel's vector for theta (P + Q,), the device's own delay included."""
@@ -216,13 +217,13 @@ class NonlinearMotor:
     def response(
         self, theta: Array, data: Dataset, kind: Kind, times: Array, derivatives: bool = True
     ) -> tuple[Array, Array]:
-        """Return the position or the speed at times (M,), before any chain, and its derivatives (M, P + start state)."""
+        """Return position and speed (2, M) at times, before any chain, and the derivatives (M, P + start state) of a kind."""
         from servobench.identification.models.nonlinear import kernels
 
         own = [kernels.POSITION, kernels.SPEED] if data.kind == "position" else [kernels.SPEED]
         used = np.flatnonzero(self.mixing.any(axis=1))
         columns: NDArray[np.int64] = np.append(used, own) if derivatives else np.empty(0, dtype=np.int64)
-        y, raw = np.empty(len(times)), np.empty((len(times), len(columns)))
+        both, raw = np.empty((2, len(times))), np.empty((len(times), len(columns)))
         kernels.response(
             data.t_input,
             data.u,
@@ -234,27 +235,32 @@ class NonlinearMotor:
             self.gravity,
             kind == "speed",
             columns,
-            y,
+            both,
             raw,
         )
         if not derivatives:
-            return y, raw
+            return both, raw
         with np.errstate(
             invalid="ignore"
         ):  # a trial that runs away has sensitivities without end; its cost refuses it
             mixed = raw[:, : len(used)] @ self.mixing[used]
-        return y, np.hstack([mixed, raw[:, len(used) :]])
+        return both, np.hstack([mixed, raw[:, len(used) :]])
 
     def sliding(self, theta: Array, data: Dataset) -> Sliding:
         """Return where the model's shaft stops and turns back, which matters only with friction, for theta (P + Q,)."""
+        return self._sliding_at(self.speed(theta, data), theta, data)
+
+    def _sliding_at(self, speed: Array, theta: Array, data: Dataset) -> Sliding:
+        """The same for a speed (M,) that is known already."""
         if not self.friction:
             return Sliding.all_through(data.t_output)
         gain, tau, _, coulomb, _, stribeck = self.vector(theta, data)[:6]
-        return Sliding.of_speed(self.speed(theta, data), data.t_output, 2 * gain * (coulomb + stribeck) / tau)
+        return Sliding.of_speed(speed, data.t_output, 2 * gain * (coulomb + stribeck) / tau)
 
     def speed(self, theta: Array, data: Dataset) -> Array:
         """Return the shaft's speed (M,) at the samples, for theta (P + Q,)."""
-        return self.response(theta, data, "speed", data.t_output, derivatives=False)[0]
+        (_, speed), _ = self.response(theta, data, "speed", data.t_output, derivatives=False)
+        return np.asarray(speed, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return nothing, (M, 0): what a lag in place of the delay does is a line of the budget (`uncertainty.one_lag`)."""
