@@ -278,6 +278,7 @@ def test_two_levels_of_the_input_are_reported() -> None:
     ("levels", "unit", "hidden"),
     [
         ((-3.0, 3.0), "V", {"drops a part of the input", "limits the current"}),
+        ((0.0, 3.0), "V", {"drops a part of the input", "limits the current"}),
         ((-3.0, 2.0), "V", {"limits the current"}),
         ((-3.0, 3.0), "A", set()),
     ],

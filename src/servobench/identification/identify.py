@@ -60,6 +60,7 @@ from servobench.identification.trust.other_output import with_other_output
 from servobench.identification.trust.validation import validate
 from servobench.identification.trust.winding import about_winding
 from servobench.identification.uncertainty.changes_between_rows import with_changes_between_rows
+from servobench.identification.uncertainty.creeping_rest import with_creeping_rest
 from servobench.identification.uncertainty.curved_valley import with_curved_valley
 from servobench.identification.uncertainty.fall_of_friction import with_fall_of_friction
 from servobench.identification.uncertainty.friction_near_rest import with_friction_near_rest
@@ -374,6 +375,7 @@ def _with_allowances(
     one_level = single_level(records) is not None
     # Any gain with its own friction makes the motion of a motor that ran under one level in a direction.
     fit = with_weak_priors(fit) if one_level or friction_spread(fit) > WEAK else fit
+    fit = with_creeping_rest(fit)
     fit = widen_for_disagreement(
         with_small_departures(
             with_static_friction(

@@ -185,10 +185,10 @@ def test_backlash_is_reported_with_its_size_in_degrees() -> None:
         out[n] = load
     result = identify(replace(plain, y=out, quantum=None), structure="first_order_coulomb")
     (found,) = (finding.sentence for finding in result.findings if finding.code == "backlash")
-    size, half = (float(found.split("About ")[1].split(" ± ")[n].split()[0]) for n in (0, 1))
+    size, half = (float(found.split("by about ")[1].split(" ± ")[n].split()[0]) for n in (0, 1))
     # A first-order guess: the load's way through the gap, which takes a while, is no part of the column.
     assert size == pytest.approx(0.8, abs=half + 0.1)
-    assert "deg of backlash" in found
+    assert "deg, as with backlash" in found
 
 
 def test_a_structure_and_an_estimator_that_cannot_go_together_are_wrong_usage() -> None:

@@ -35,7 +35,7 @@ def _of_input(shown: TermScore, what: str, times: float = 1.0) -> str:
     """So much of the input."""
     size, half = shown.whole
     unit = shown.fit.records[0].data.input_unit
-    return f"About {times * size:.2g} ± {times * half:.1g} {unit} {what}."
+    return f"About {plain(times * size, 2)} ± {plain(times * half, 1)} {unit} {what}."
 
 
 def _stribeck_sized(shown: TermScore) -> str:
@@ -76,11 +76,10 @@ def _backlash_sized(shown: TermScore) -> str:
     unit, times = shown.fit.records[0].data.position_unit, 2.0
     if unit == "rad":
         unit, times = "deg", float(np.rad2deg(2.0))
+    amount = f"{plain(times * size, 2)} ± {plain(times * half, 1)} {unit}"
     if shown.amount[0] > 0:
-        return (
-            f"It runs ahead by about {times * size:.2g} ± {times * half:.1g} {unit}, which backlash can't do."
-        )
-    return f"About {times * size:.2g} ± {times * half:.1g} {unit} of backlash."
+        return f"The output runs ahead there by about {amount}, which backlash can't do."
+    return f"The output lags there by about {amount}, as with backlash in a gear or a dead band of the driver."
 
 
 def _ripple(cycles: int) -> Term:
@@ -174,8 +173,7 @@ TERMS = (
     Term(
         code="backlash",
         name="backlash",
-        sentence="The output lags at every reversal, as with backlash in a gear or a dead band of the driver: the model is "
-        "wrong there, which shifts gain and time constant.",
+        sentence="At every reversal the model is wrong, which shifts gain and time constant.",
         to_output=lambda m: (np.sign(m.speed),),
         sized=_backlash_sized,
     ),

@@ -47,8 +47,9 @@ def _levels(fit: Fit) -> list[Finding]:
     if len(levels) != 2:
         return []
     unit = records[0].input_unit
-    # A limit of the current makes another, slower motor of it at two levels, and no residual shows that.
-    drops = "drops a part of the input or " if -levels[0] == levels[1] else ""
+    # A limit of the current makes another, slower motor of it at two levels, and no residual shows that. Of levels that differ
+    # in sign alone, or of one and none, what the driver drops is the same whenever it drives.
+    drops = "drops a part of the input or " if -levels[0] == levels[1] or 0.0 in levels else ""
     driver = "" if unit == "A" else f", and whether the driver {drops}limits the current"
     sentence = (
         f"The input {verb} two levels only, {with_unit(levels[0], unit)} and {with_unit(levels[1], unit)}, and the "
