@@ -21,8 +21,8 @@ LEVELS = np.array(
 
 
 @cache
-def fit_with_zero(zero: float) -> Fit:
-    """A motor that friction holds between its levels, whose sensor shows so much more [rad/s]."""
+def fit_with_zero(zero: float, sd: float = 0.05) -> Fit:
+    """A motor that friction holds between its levels, whose sensor shows so much more [rad/s], with noise of a deviation sd."""
     u = np.repeat(LEVELS, 100)
     y, decay = np.zeros(len(u)), np.exp(-STEP / TAU)
     for k in range(1, len(u)):
@@ -30,7 +30,7 @@ def fit_with_zero(zero: float) -> Fit:
         end = GAIN * (u[k - 1] - FRICTION * sense)
         y[k] = end + decay * (y[k - 1] - end)
         y[k] = 0.0 if y[k] * sense <= 0.0 else y[k]
-    noise = 0.05 * np.random.default_rng(1).standard_normal(len(u))
+    noise = sd * np.random.default_rng(1).standard_normal(len(u))
     data = dataset(seed=1, samples=len(u), sample_time=STEP, u=u, y=y + noise + zero, chain="derivative")
     return ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
 
@@ -39,7 +39,7 @@ def codes(fit: Fit) -> list[str]:
     return [each.code for each in DOUBTS["sensor_zero"].about_fit(fit)]
 
 
-@pytest.mark.parametrize("zero", [5.0, -5.0, 2.0])
+@pytest.mark.parametrize("zero", [5.0, -5.0, 2.0, 0.4])
 def test_what_is_shown_at_rest_whichever_way_it_turned_before_is_reported(zero: float) -> None:
     (finding,) = DOUBTS["sensor_zero"].about_fit(fit_with_zero(zero))
 
@@ -48,8 +48,22 @@ def test_what_is_shown_at_rest_whichever_way_it_turned_before_is_reported(zero: 
     assert shown == pytest.approx(zero, abs=0.05)  # as much as the noise of single samples
 
 
-def test_a_sensor_that_shows_zero_is_right() -> None:
-    assert codes(fit_with_zero(0.0)) == []
+def test_noise_of_the_size_of_the_zero_does_not_hide_it() -> None:
+    assert codes(fit_with_zero(5.0, sd=3.0)) == ["sensor-zero"]
+
+
+def test_a_zero_that_is_less_than_friction_is_known_to_is_left_alone() -> None:
+    fit = fit_with_zero(0.4)
+    at = fit.model.names.index("coulomb_voltage")
+    covariance = fit.covariance.copy()
+    covariance[at, at] = (0.4 / GAIN) ** 2
+
+    assert codes(replace(fit, covariance=covariance)) == []
+
+
+@pytest.mark.parametrize("sd", [0.05, 3.0])
+def test_a_sensor_that_shows_zero_is_right(sd: float) -> None:
+    assert codes(fit_with_zero(0.0, sd)) == []
 
 
 def test_a_shaft_that_creeps_now_one_way_now_the_other_is_no_zero_of_the_sensor() -> None:

@@ -178,7 +178,7 @@ def test_where_the_gain_may_be_zero_nothing_else_is_known() -> None:
     }
     assert {each.state for each in told.values()} == {State.UNKNOWN}
     assert finding.code == "nothing-known"
-    assert "but its gain is so uncertain that it may be zero (largest contribution" in finding.sentence
+    assert "but what it may be wrong by is as large as its gain (largest contribution" in finding.sentence
 
 
 def test_speeds_that_the_motor_settled_at_are_known_whatever_the_model_says() -> None:

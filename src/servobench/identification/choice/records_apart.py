@@ -19,6 +19,7 @@ from servobench.core.estimate import Estimate
 from servobench.core.finding import Finding, info, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval
+from servobench.identification.choice.structure_ladder.trial import is_certain
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.misfit_covariance import allow_for_misfit
@@ -30,6 +31,7 @@ from servobench.recordings.measurement.dataset import Dataset
 _MOST = 8  # fits, spread evenly over the records
 # It belongs to the times of each file more than to the motor, and takes up what is wrong with them.
 _OF_THE_FILE = "delay"
+_FALL = frozenset({"stribeck_voltage", "stribeck_speed"})
 # Percent of the output: records of which the model explains so little together, and so much without one, have no common motor.
 _TOGETHER, _APART_ONLY = 80.0, 90.0
 _DRIVES = 0.1  # of the largest input: a smaller one is how it got there
@@ -70,7 +72,8 @@ def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], F
     selections = _selections(fit, method, allow)
     if len(selections) < 2:
         return fit
-    apart = [name for name in fit.model.names if name != _OF_THE_FILE and _apart(name, selections)]
+    left_out = {_OF_THE_FILE} if _is_fall_certain(fit) else {_OF_THE_FILE, *_FALL}
+    apart = [name for name in fit.model.names if name not in left_out and _apart(name, selections)]
     if not apart:
         return fit
     added = np.zeros_like(fit.covariance)
@@ -89,6 +92,11 @@ def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], F
     wider = fit.widen(line)
     findings = (*fit.findings, _finding(fit, apart, selections))
     return replace(wider, intervals={**wider.intervals, **holding}, findings=findings)
+
+
+def _is_fall_certain(fit: Fit) -> bool:
+    """Whether there is friction that falls with the speed for certain: of one that may be none, records tell nothing."""
+    return not set(fit.model.names) >= _FALL or is_certain("stribeck", fit)
 
 
 def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> list[_Without]:

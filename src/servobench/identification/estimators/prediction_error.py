@@ -264,7 +264,7 @@ def _finding(likelihood: Profile, data: Dataset) -> Finding:
         )
     return info(
         "disturbance-found",
-        f"The speed wanders by {_wander(likelihood)} {unit} around the model's, by more than chance explains: a random torque, or "
-        "something that the model leaves out. The intervals allow for it (estimator prediction_error).",
+        f"The speed wanders by {_wander(likelihood)} {unit} around the model's, by more than chance explains: a random torque, "
+        "or something that the model leaves out. The intervals allow for it (estimator prediction_error).",
         parameters=("gain", "time_constant"),
     )

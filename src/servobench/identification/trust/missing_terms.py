@@ -79,7 +79,9 @@ def _backlash_sized(shown: TermScore) -> str:
     amount = f"{plain(times * size, 2)} ± {plain(times * half, 1)} {unit}"
     if shown.amount[0] > 0:
         return f"The output runs ahead there by about {amount}, which backlash can't do."
-    return f"The output lags there by about {amount}, as with backlash in a gear or a dead band of the driver."
+    return (
+        f"The output lags there by about {amount}, as with backlash in a gear or a dead band of the driver."
+    )
 
 
 def _ripple(cycles: int) -> Term:

@@ -129,6 +129,6 @@ def _any_gain(gain: ParameterStatus, fit: Fit) -> str:
         else "Record steps between several levels in open loop, each until the speed settles"
     )
     return (
-        f"this model explains {fit.fit_percent:.0f} % of the output, but its gain is so uncertain that it may be zero (largest "
-        f"contribution: {widest.source}). {advice}"
+        f"this model explains {fit.fit_percent:.0f} % of the output, but what it may be wrong by is as large as its gain "
+        f"(largest contribution: {widest.source}). {advice}"
     )

@@ -191,7 +191,7 @@ class NonlinearMotor:
         start = len(self.parameters) + (2 if data.kind == "position" else 1)
         prediction = through_chain(speed if kind == "speed" else angle, jacobian, theta[start:], data)
         # An integration of its own for the same speed would take as long as this one.
-        return replace(prediction, sliding=partial(self._sliding_at, speed, theta, data))
+        return replace(prediction, sliding=partial(self._where_it_slides, speed, theta, data))
 
     def simulate(self, theta: Array, data: Dataset, u: Array) -> Array:
         """Return the prediction (M,) alone, through the data's chain, for theta (P + Q,) and an input u (N,) at its times."""
@@ -248,9 +248,9 @@ class NonlinearMotor:
 
     def sliding(self, theta: Array, data: Dataset) -> Sliding:
         """Return where the model's shaft stops and turns back, which matters only with friction, for theta (P + Q,)."""
-        return self._sliding_at(self.speed(theta, data), theta, data)
+        return self._where_it_slides(self.speed(theta, data), theta, data)
 
-    def _sliding_at(self, speed: Array, theta: Array, data: Dataset) -> Sliding:
+    def _where_it_slides(self, speed: Array, theta: Array, data: Dataset) -> Sliding:
         """The same for a speed (M,) that is known already."""
         if not self.friction:
             return Sliding.all_through(data.t_output)

@@ -11,14 +11,22 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 _STANDS = 0.05  # of the samples, in which the model's shaft stands
 _PLAIN = 0.02  # of the largest speed
-_EVEN = 0.3  # of what is shown: nine tenths of it lie within so much
+_LEAST = 0.002  # of it: what is less matters to nobody
+_BEYOND = 3.0  # standard deviations
+_EVEN = 0.3  # of what is shown: its medians lie within so much
+_PARTS = 5  # of the time at rest, each with a median
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
-    return [finding for record in fit.records for finding in _of(record)]
+    names = set(fit.model.names)
+    known = {"gain", "coulomb_voltage"} <= names and fit.model["gain"] != 0.0
+    # A reading that is worth more of the input than friction is known to.
+    least = _BEYOND * fit.sd("coulomb_voltage") * abs(fit.model["gain"]) if known else np.inf
+    return [finding for record in fit.records for finding in _of(record, least)]
 
 
-def _of(record: FittedRecord) -> list[Finding]:
+def _of(record: FittedRecord, least: float) -> list[Finding]:
+    """The finding on a record whose speed at rest reads at least that much, or so much of its largest."""
     data = record.data
     if data.kind != "speed":
         return []
@@ -26,9 +34,9 @@ def _of(record: FittedRecord) -> list[Finding]:
     shown = data.y[record.valid & (record.prediction == 0.0)]
     if len(shown) < _STANDS * len(data.y):
         return []
-    low, middle, high = (float(each) for each in np.percentile(shown, (5, 50, 95)))
-    top = float(np.percentile(np.abs(data.y), 99))
-    if abs(middle) < _PLAIN * top or high - low > _EVEN * abs(middle):
+    medians = [float(np.median(part)) for part in np.array_split(shown, _PARTS)]
+    middle, top = float(np.median(shown)), float(np.percentile(np.abs(data.y), 99))
+    if abs(middle) < min(_PLAIN * top, max(_LEAST * top, least)) or np.ptp(medians) > _EVEN * abs(middle):
         return []
     sentence = (
         f"{data.name}: while friction holds the model's shaft, the speed reads {with_unit(middle, data.output_unit, 3)} all the "
