@@ -89,8 +89,8 @@ def _of_constant(fit: Fit, name: str) -> Finding:
     if helps:
         sentence = (
             f"The {name} comes out with the wrong sign, {estimate.value:.3g} {estimate.unit}: "
-            "friction never drives. The motor isn't linear over these levels (it may saturate), "
-            "or the input has an offset; the gain holds for these levels only."
+            "friction never drives. The motor isn't linear over these levels (it may saturate, or drag may grow faster than the "
+            "speed, as a fan's), or the input has an offset; the gain holds for these levels only."
         )
         return warning("offset-negative", sentence, parameters=parameters)
     sign = " It is below zero because the input was." if estimate.value < 0.0 else ""

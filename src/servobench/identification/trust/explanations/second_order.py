@@ -6,6 +6,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import warning
+from servobench.identification.trust.doubts.chain_unknown import is_unknown
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import may_be_any_shape, rings
@@ -32,9 +33,12 @@ def _second_order(case: Case) -> CauseFit | None:
         return None
     swings = squared > 0 and tau**2 < 4 * _SWINGS**2 * squared and frequency * longest > _PERIODS
     how = f"oscillates at about {frequency:.2g} Hz" if swings else "has a second pole"
+    acting = "a pendulum, a spring, a compliant shaft or a feedback controller"
+    if not swings and any(is_unknown(each.data) for each in case.motions):
+        acting = f"a filter of the sensor, {acting}"
     sentence = (
-        f"The output {how}, which a first-order motor doesn't: a pendulum, a spring, a compliant "
-        f"shaft or a feedback controller acts on it. Use `structure={_STRUCTURE}`, or record the motor alone."
+        f"The output {how}, which a first-order motor doesn't: {acting} acts on it. Use `structure={_STRUCTURE}`, or record the "
+        "motor alone."
     )
     code = "response-oscillates" if swings else "second-pole"
     return CauseFit(
