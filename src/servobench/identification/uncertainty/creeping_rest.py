@@ -37,13 +37,15 @@ def with_creeping_rest(fit: Fit) -> Fit:
     names = set(fit.model.names)
     if not fit.model.structure.friction or not {FRICTION, _OFFSET, "time_constant"} <= names:
         return fit
-    lost = [abs(record.data.input_before - fit.model[_OFFSET]) for record in fit.records if _stands(record)]
-    if not max(lost, default=0.0) > fit.model[FRICTION] or not fit.residual_sd > 0:
+    lost = [abs(float(record.data.u[0]) - fit.model[_OFFSET]) for record in fit.records if _stands(record)]
+    larger_at_rest = fit.model["stribeck_voltage"] if "stribeck_voltage" in names else 0.0
+    needed = max(lost, default=0.0) - larger_at_rest
+    if not needed > fit.model[FRICTION] or not fit.residual_sd > 0:
         return fit
     jacobian, e = innovations_and_jacobian(fit)
     variance = float(e @ e) / max(len(e) - jacobian.shape[1], 1)
     load = sum(abs(fit.model[name]) for name in names if name.startswith("gravity_voltage"))
-    standing, _ = innovations_and_jacobian(_at_rest(fit, _ABOVE * (max(lost) + load)))
+    standing, _ = innovations_and_jacobian(_at_rest(fit, _ABOVE * (needed + load)))
     reason = (
         "the model creeps through a rest in which no count changes, by less than a count, and that says nothing of friction "
         "and offset"
