@@ -37,21 +37,28 @@ def with_creeping_rest(fit: Fit) -> Fit:
     names = set(fit.model.names)
     if not fit.model.structure.friction or not {FRICTION, _OFFSET, "time_constant"} <= names:
         return fit
-    lost = [abs(float(record.data.u[0]) - fit.model[_OFFSET]) for record in fit.records if _stands(record)]
-    larger_at_rest = fit.model["stribeck_voltage"] if "stribeck_voltage" in names else 0.0
-    needed = max(lost, default=0.0) - larger_at_rest
+    needed = max((_needed(fit, record) for record in fit.records if _stands(record)), default=0.0)
     if not needed > fit.model[FRICTION] or not fit.residual_sd > 0:
         return fit
     jacobian, e = innovations_and_jacobian(fit)
     variance = float(e @ e) / max(len(e) - jacobian.shape[1], 1)
-    load = sum(abs(fit.model[name]) for name in names if name.startswith("gravity_voltage"))
-    standing, _ = innovations_and_jacobian(_at_rest(fit, _ABOVE * (needed + load)))
+    standing, _ = innovations_and_jacobian(_at_rest(fit, _ABOVE * needed))
     reason = (
         "the model creeps through a rest in which no count changes, by less than a count, and that says nothing of friction "
         "and offset"
     )
     added = beyond(_covariance(fit, standing, variance), _covariance(fit, jacobian, variance))
     return fit.widen(Contribution(source=SOURCE, covariance=added, reason=reason))
+
+
+def _needed(fit: Fit, record: FittedRecord) -> float:
+    """The Coulomb friction [input unit] that holds the shaft in the rest of a record, beside what else holds or pulls it."""
+    value = dict(zip(fit.model.names, map(float, fit.model.theta), strict=True))
+    angle = float(record.prediction[0])
+    sine, cosine = value.get("gravity_voltage_sine", 0.0), value.get("gravity_voltage_cosine", 0.0)
+    gravity = sine * np.sin(angle) + cosine * np.cos(angle)
+    held = value.get("stribeck_voltage", 0.0) + value.get("load_friction", 0.0) * abs(gravity)
+    return float(abs(record.data.u[0] - value[_OFFSET] - gravity) - held)
 
 
 def _at_rest(fit: Fit, friction: float) -> Fit:
