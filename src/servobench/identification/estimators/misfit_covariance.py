@@ -10,7 +10,9 @@ intervals, docs/decisions/0006-intervals.md.)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -37,7 +39,7 @@ from servobench.identification.estimators.least_squares import (
     minimise,
     square_jacobians,
 )
-from servobench.identification.estimators.near_bounds import intervals_near_bounds
+from servobench.identification.estimators.near_bounds import searches_near_bounds
 from servobench.identification.estimators.sizes import WEAK, friction_spread, sizes
 from servobench.identification.models.base import Structure
 from servobench.identification.models.level import single_level
@@ -70,7 +72,7 @@ def allow_for_misfit(fit: Fit) -> Fit:
     wider = fit.widen(line)
     return replace(
         wider,
-        intervals=_near_bounds(fit, wider.covariance),
+        intervals=IntervalsOnDemand(partial(_near_bounds, fit, wider.covariance)),
         findings=(*fit.findings, _finding(wider, theta)),
     )
 
@@ -89,12 +91,12 @@ def _without_noise_model(fit: Fit) -> Array:
     return variance * inverse(h + np.diag(variance / (WEAK * sizes(fit)) ** 2))[:shared, :shared]
 
 
-def _near_bounds(fit: Fit, covariance: Array) -> IntervalsOnDemand:
-    """The intervals of parameters near a bound, with a wider covariance (P, P) than the fit's."""
+def _near_bounds(fit: Fit, covariance: Array) -> dict[str, Callable[[], tuple[float, float]]]:
+    """What finds the intervals of parameters near a bound, with a wider covariance (P, P) than the fit's."""
     data = [record.data for record in fit.records]
     prior = prior_of(fit)
-    return intervals_near_bounds(
-        fit.model.structure, data, _minimum(fit), covariance, fit.residual_sd**2, prior
+    return searches_near_bounds(
+        fit.model.structure, tuple(data), _minimum(fit), covariance, fit.residual_sd**2, prior
     )
 
 

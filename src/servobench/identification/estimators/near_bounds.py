@@ -61,10 +61,12 @@ def intervals_near_bounds(
     the `prior` of the delay in it where there is one, for which the `variance` of the residuals is needed; parameters of which
     the data say nothing are left out.
     """
-    return IntervalsOnDemand(partial(_searches, structure, tuple(data), minimum, covariance, variance, prior))
+    return IntervalsOnDemand(
+        partial(searches_near_bounds, structure, tuple(data), minimum, covariance, variance, prior)
+    )
 
 
-def _searches(
+def searches_near_bounds(
     structure: Structure,
     data: tuple[Dataset, ...],
     minimum: Minimum,
@@ -72,7 +74,7 @@ def _searches(
     variance: float,
     prior: DelayPrior | None,
 ) -> dict[str, Callable[[], tuple[float, float]]]:
-    """What finds the interval of each parameter that is near a bound, by name."""
+    """Return what finds the interval of each parameter near a bound, by name; the arguments are those of `intervals_near_bounds`."""
     lower, upper = structure.bounds(data)
     searches: dict[str, Callable[[], tuple[float, float]]] = {}
     for n, parameter in enumerate(structure.parameters):

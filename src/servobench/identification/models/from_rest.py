@@ -23,7 +23,7 @@ from servobench.core.channels import Array
 from servobench.core.compiled import compiled
 
 GAIN, TAU, POSITION = 0, 1, 2
-# Of gain and time constant: what a smaller step leaves is of the order of its square, which is none.
+# Of gain and time constant: of a motor that is as the model says, what a smaller step leaves is of the order of its square.
 _SETTLED = 1e-5
 _NEARLY = 0.03  # of them: near enough to go on with all samples
 _PART = 8  # of all samples, one in so many, from the first on
@@ -70,7 +70,7 @@ def normal_equations(u: Array, y: Array, step: float, p: Array, h: Array, g: Arr
 
 @compiled
 def fit_from_rest(u: Array, y: Array, step: float, p: Array, most: int) -> int:
-    """Move p = (K, τ, θ₀) to the least sum of squares, by Gauss and Newton; return the number of passes, or -1.
+    """Move p = (K, τ, θ₀) to the least sum of squares, by Gauss and Newton; return the passes over all samples, or -1.
 
     τ stays above the sample time `step` [s]. The first eighth of the samples leads nearly there, at an eighth of the cost of a
     pass; where it doesn't, the search begins again at p with all of them. -1 says that it didn't settle in `most` passes over

@@ -1,4 +1,4 @@
-"""A rest through which the model creeps by less than a count: what that seems to tell of friction and offset is rounding.
+"""A rest through which the model creeps by a count or so: what that seems to tell of friction and offset is rounding.
 
 Before a step from rest an encoder shows one count for as long as one likes. An offset that is a little larger than Coulomb
 friction lets the model's shaft creep there, and so makes up for how far that count lies from where the motion begins: one
@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit, FittedRecord
@@ -25,40 +26,65 @@ from servobench.identification.models.first_motion import rests_at_first
 from servobench.identification.models.records import START_SPEED
 from servobench.identification.uncertainty.score_test import innovations_and_jacobian
 from servobench.identification.uncertainty.weak_priors import root_of_covariance
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.grid import grid_step
 
 SOURCE: Final = "a rest that tells nothing"
 _OFFSET = "offset_voltage"
 _FEW = 3  # samples of a rest that shows
+_CLEAR = 0.1  # of the input's range: what sets a shaft off, rather than the last digit of a measured voltage
+_FLICKERS = 1.5  # counts: a shaft that stands at the edge of one
+_CREEPS = 2.0  # counts: how far the model's shaft gets in the rest at most
+_COULD_CREEP = 5.0  # counts: the same at the speed that it creeps at in the end
+_NEARLY = 0.5  # of the friction that would hold it is there
 _ABOVE = 1.0 + 1e-6  # times what holds the shaft
 
 
 def with_creeping_rest(fit: Fit) -> Fit:
     """Return the fit with a line of its budget where the model creeps through a rest in which no count changes; else the same."""
     names = set(fit.model.names)
-    if not fit.model.structure.friction or not {FRICTION, _OFFSET, "time_constant"} <= names:
+    if not fit.model.structure.friction or not {"gain", FRICTION, _OFFSET, "time_constant"} <= names:
         return fit
-    needed = max((_needed(fit, record) for record in fit.records if _stands(record)), default=0.0)
-    if not needed > fit.model[FRICTION] or not fit.residual_sd > 0:
+    creeping = [
+        each for each in (_friction_to_stand(fit, record) for record in fit.records) if each is not None
+    ]
+    if not creeping or not fit.residual_sd > 0:
         return fit
     jacobian, e = innovations_and_jacobian(fit)
     variance = float(e @ e) / max(len(e) - jacobian.shape[1], 1)
-    standing, _ = innovations_and_jacobian(_at_rest(fit, _ABOVE * needed))
+    standing, _ = innovations_and_jacobian(_at_rest(fit, _ABOVE * max(creeping)))
     reason = (
-        "the model creeps through a rest in which no count changes, by less than a count, and that says nothing of friction "
-        "and offset"
+        "the model creeps through a rest in which no count changes, by a count or so, and that says nothing of friction and "
+        "offset"
     )
     added = beyond(_covariance(fit, standing, variance), _covariance(fit, jacobian, variance))
     return fit.widen(Contribution(source=SOURCE, covariance=added, reason=reason))
 
 
-def _needed(fit: Fit, record: FittedRecord) -> float:
+def _friction_to_stand(fit: Fit, record: FittedRecord) -> float | None:
+    """The Coulomb friction [input unit] that just holds the model's shaft in a rest through which it creeps; else None.
+
+    A shaft that has only begun to move, as the input drives it from the first row on, lacks far more friction than that.
+    """
+    data = record.data
+    count, rest = _count(data), _rest(data)
+    if not rest.any() or not np.ptp(record.prediction[rest]) < _CREEPS * count:
+        return None
+    friction, needed = fit.model[FRICTION], _needed(fit, record, rest)
+    gone = abs(fit.model["gain"]) * (needed - friction) * float(np.ptp(data.t_output[rest]))
+    creeps = _NEARLY * needed < friction < needed and gone < _COULD_CREEP * count
+    return needed if creeps else None
+
+
+def _needed(fit: Fit, record: FittedRecord, rest: NDArray[np.bool_]) -> float:
     """The Coulomb friction [input unit] that holds the shaft in the rest of a record, beside what else holds or pulls it."""
     value = dict(zip(fit.model.names, map(float, fit.model.theta), strict=True))
     angle = float(record.prediction[0])
     sine, cosine = value.get("gravity_voltage_sine", 0.0), value.get("gravity_voltage_cosine", 0.0)
     gravity = sine * np.sin(angle) + cosine * np.cos(angle)
     held = value.get("stribeck_voltage", 0.0) + value.get("load_friction", 0.0) * abs(gravity)
-    return float(abs(record.data.u[0] - value[_OFFSET] - gravity) - held)
+    left = record.data.input_at_output[rest] - value[_OFFSET] - gravity
+    return float(np.abs(left).max() - held)
 
 
 def _at_rest(fit: Fit, friction: float) -> Fit:
@@ -66,13 +92,14 @@ def _at_rest(fit: Fit, friction: float) -> Fit:
     theta = fit.model.theta.copy()
     theta[fit.model.names.index(FRICTION)] = friction
     records = tuple(
-        replace(record, nuisance=_without_speed(fit, record)) if _stands(record) else record
+        replace(record, nuisance=_without_speed(fit, record)) if _rest(record.data).any() else record
         for record in fit.records
     )
     return replace(fit, model=replace(fit.model, theta=theta), records=records)
 
 
 def _without_speed(fit: Fit, record: FittedRecord) -> Array:
+    """The nuisance parameters (Q,) of a record that begins at rest."""
     names = [parameter.name for parameter in fit.model.structure.nuisance(record.data)]
     return np.where(np.array(names) == START_SPEED.name, 0.0, record.nuisance)
 
@@ -84,10 +111,17 @@ def _covariance(fit: Fit, jacobian: Array, variance: float) -> Array:
     return np.asarray(variance * (root @ root.T)[:shared, :shared], dtype=np.float64)
 
 
-def _stands(record: FittedRecord) -> bool:
-    """Whether the count of an encoder stays the same from the beginning of a record until the input sets the shaft off."""
-    data, motion = record.data, record.data.first_motion
-    if not data.quantum or data.kind != "position" or motion is None or not rests_at_first(data):
-        return False
-    rest = data.t_output <= motion.cause
-    return bool(np.count_nonzero(rest) > _FEW and (data.y[rest] == data.y[0]).all())
+def _count(data: Dataset) -> float:
+    """The step of a position that was counted, in its unit; 0 of other data."""
+    return float(data.quantum or grid_step(data.y) or 0.0) if data.kind == "position" else 0.0
+
+
+def _rest(data: Dataset) -> NDArray[np.bool_]:
+    """The samples (M,) at the beginning of a record in which no count changes until the input sets the shaft off; else none."""
+    none = np.zeros(len(data.y), dtype=bool)
+    count, changes = _count(data), np.flatnonzero(np.abs(data.u - data.u[0]) > _CLEAR * np.ptp(data.u))
+    if not count or not len(changes) or not rests_at_first(data):
+        return none
+    rest = data.t_output <= data.t_input[changes[0]]
+    stands = np.count_nonzero(rest) > _FEW and np.ptp(data.y[rest]) < _FLICKERS * count
+    return rest if stands else none

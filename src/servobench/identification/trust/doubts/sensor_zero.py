@@ -22,6 +22,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     known = {"gain", "coulomb_voltage"} <= names and fit.model["gain"] != 0.0
     # A reading that is worth more of the input than friction is known to.
     least = _BEYOND * fit.sd("coulomb_voltage") * abs(fit.model["gain"]) if known else np.inf
+    least = least if np.isfinite(least) else np.inf
     return [finding for record in fit.records for finding in _of(record, least)]
 
 
@@ -40,7 +41,7 @@ def _of(record: FittedRecord, least: float) -> list[Finding]:
         return []
     sentence = (
         f"{data.name}: while friction holds the model's shaft, the speed reads {with_unit(middle, data.output_unit, 3)} all the "
-        "time. That is the zero of the sensor rather than a motion; the offset of the input makes up for it here, and offset and "
+        "time. That is probably the zero of the sensor rather than a motion; the offset of the input makes up for it here, and offset and "
         "friction may both be wrong. Subtract it from the column."
     )
     return [warning("sensor-zero", sentence, parameters=("offset_voltage", "coulomb_voltage"))]
