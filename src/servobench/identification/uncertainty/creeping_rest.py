@@ -70,13 +70,13 @@ def _friction_to_stand(fit: Fit, record: FittedRecord) -> float | None:
     count, rest = _count(data), _rest(data)
     if not rest.any() or not np.ptp(record.prediction[rest]) < _CREEPS * count:
         return None
-    friction, needed = fit.model[FRICTION], _needed(fit, record, rest)
+    friction, needed = fit.model[FRICTION], _friction_that_holds(fit, record, rest)
     gone = abs(fit.model["gain"]) * (needed - friction) * float(np.ptp(data.t_output[rest]))
     creeps = _NEARLY * needed < friction < needed and gone < _COULD_CREEP * count
     return needed if creeps else None
 
 
-def _needed(fit: Fit, record: FittedRecord, rest: NDArray[np.bool_]) -> float:
+def _friction_that_holds(fit: Fit, record: FittedRecord, rest: NDArray[np.bool_]) -> float:
     """The Coulomb friction [input unit] that holds the shaft in the rest of a record, beside what else holds or pulls it."""
     value = dict(zip(fit.model.names, map(float, fit.model.theta), strict=True))
     angle = float(record.prediction[0])

@@ -41,8 +41,8 @@ def _of(record: FittedRecord, least: float) -> list[Finding]:
         return []
     sentence = (
         f"{data.name}: while friction holds the model's shaft, the speed reads {with_unit(middle, data.output_unit, 3)} all the "
-        "time. That is probably the zero of the sensor rather than a motion; the offset of the input makes up for it here, and offset and "
-        "friction may both be wrong. Subtract it from the column."
+        "time. That is probably the zero of the sensor rather than a motion; the offset of the input makes up for it here, and "
+        "offset and friction may both be wrong. Subtract it from the column."
     )
     return [warning("sensor-zero", sentence, parameters=("offset_voltage", "coulomb_voltage"))]
 
