@@ -74,7 +74,10 @@ def searches_near_bounds(
     variance: float,
     prior: DelayPrior | None,
 ) -> dict[str, Callable[[], tuple[float, float]]]:
-    """Return what finds the interval of each parameter near a bound, by name, from what `intervals_near_bounds` takes."""
+    """Return what finds the interval of each parameter near a bound, by name.
+
+    The arguments are those of `intervals_near_bounds`, `covariance` (P, P) among them.
+    """
     lower, upper = structure.bounds(data)
     searches: dict[str, Callable[[], tuple[float, float]]] = {}
     for n, parameter in enumerate(structure.parameters):
