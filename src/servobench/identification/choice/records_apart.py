@@ -95,7 +95,7 @@ def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], F
 
 
 def _is_fall_certain(fit: Fit) -> bool:
-    """Whether there is friction that falls with the speed for certain: of one that may be none, records tell nothing."""
+    """Whether friction that falls with the speed, where the model has it, is certain: about none, records can't disagree."""
     return not set(fit.model.names) >= _FALL or is_certain("stribeck", fit)
 
 

@@ -623,12 +623,12 @@ def _of_base(base: _Base, fit: Fit, causes: Causes) -> Choice:
 
 def _one_up(here: Choice, rung: Rung, refused: Mapping[str, Rung]) -> Choice:
     """The choice with a rung more, and below it the one without, which says that the rung was left out."""
-    open_as_well = "neither its size nor the gain would be known"
+    doubt = "neither its size nor the gain would be known"
     if rung.term == "winding":
-        open_as_well = "it can't be told from a delay"
+        doubt = "it can't be told from a delay"
     elif "gravity" in rung.term:
-        open_as_well = "its size wouldn't be certain, and the gain or a part of the motion would stay open"
-    lost = replace(rung, doubt=open_as_well)
+        doubt = "its size wouldn't be certain, and the gain or a part of the motion would stay open"
+    lost = replace(rung, doubt=doubt)
     stop = stop_finding(here.fit, here.shown, {**refused, rung.term: lost})
     earlier = [f for f in here.findings if "coulomb" not in rung.term or f.code != "friction-not-found"]
     return replace(

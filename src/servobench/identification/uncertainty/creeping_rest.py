@@ -21,12 +21,11 @@ from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.friction_across import FRICTION
-from servobench.identification.estimators.sizes import sizes
 from servobench.identification.models.first_motion import rests_at_first
 from servobench.identification.models.records import START_SPEED
 from servobench.identification.uncertainty.score_test import innovations_and_jacobian
-from servobench.identification.uncertainty.weak_priors import root_of_covariance
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.identification.uncertainty.weak_priors import covariance_with_priors
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from servobench.recordings.measurement.grid import grid_step
 
 SOURCE: Final = "a rest that tells nothing"
@@ -57,7 +56,7 @@ def with_creeping_rest(fit: Fit) -> Fit:
         "the model creeps through a rest in which no count changes, by a count or so, and that says nothing of friction and "
         "offset"
     )
-    added = beyond(_covariance(fit, standing, variance), _covariance(fit, jacobian, variance))
+    added = beyond(*(covariance_with_priors(fit, each, variance) for each in (standing, jacobian)))
     return fit.widen(Contribution(source=SOURCE, covariance=added, reason=reason))
 
 
@@ -67,12 +66,14 @@ def _friction_to_stand(fit: Fit, record: FittedRecord) -> float | None:
     A shaft that has only begun to move, as the input drives it from the first row on, lacks far more friction than that.
     """
     data = record.data
-    count, rest = _count(data), _rest(data)
-    if not rest.any() or not np.ptp(record.prediction[rest]) < _CREEPS * count:
+    rest = _rest(data)
+    if not rest.any():
         return None
+    count = _count(data)
     friction, needed = fit.model[FRICTION], _friction_that_holds(fit, record, rest)
     gone = abs(fit.model["gain"]) * (needed - friction) * float(np.ptp(data.t_output[rest]))
-    creeps = _NEARLY * needed < friction < needed and gone < _COULD_CREEP * count
+    within = np.ptp(record.prediction[rest]) < _CREEPS * count and gone < _COULD_CREEP * count
+    creeps = within and _NEARLY * needed < friction < needed
     return needed if creeps else None
 
 
@@ -104,24 +105,17 @@ def _without_speed(fit: Fit, record: FittedRecord) -> Array:
     return np.where(np.array(names) == START_SPEED.name, 0.0, record.nuisance)
 
 
-def _covariance(fit: Fit, jacobian: Array, variance: float) -> Array:
-    """The covariance (P, P) by rows of the Jacobian (N, P + ΣQ) and what is possible at all."""
-    scale, shared = sizes(fit)[: jacobian.shape[1]], len(fit.model.names)
-    root = root_of_covariance(fit, jacobian, scale, variance) * scale[:, None]
-    return np.asarray(variance * (root @ root.T)[:shared, :shared], dtype=np.float64)
-
-
 def _count(data: Dataset) -> float:
-    """The step of a position that was counted, in its unit; 0 of other data."""
-    return float(data.quantum or grid_step(data.y) or 0.0) if data.kind == "position" else 0.0
+    """The step of a position that was counted, in its unit; 0 of another."""
+    return float(data.quantum or grid_step(data.y) or 0.0)
 
 
+@keep_with_data
 def _rest(data: Dataset) -> NDArray[np.bool_]:
     """The samples (M,) at the beginning of a record in which no count changes until the input sets the shaft off; else none."""
-    none = np.zeros(len(data.y), dtype=bool)
-    count, changes = _count(data), np.flatnonzero(np.abs(data.u - data.u[0]) > _CLEAR * np.ptp(data.u))
-    if not count or not len(changes) or not rests_at_first(data):
-        return none
-    rest = data.t_output <= data.t_input[changes[0]]
-    stands = np.count_nonzero(rest) > _FEW and np.ptp(data.y[rest]) < _FLICKERS * count
-    return rest if stands else none
+    changes = np.flatnonzero(np.abs(data.u - data.u[0]) > _CLEAR * np.ptp(data.u))
+    if data.kind == "position" and len(changes) and rests_at_first(data):
+        rest = data.t_output <= data.t_input[changes[0]]
+        if np.count_nonzero(rest) > _FEW and np.ptp(data.y[rest]) < _FLICKERS * _count(data):
+            return np.asarray(rest)
+    return np.zeros(len(data.y), dtype=bool)

@@ -84,7 +84,7 @@ class ParameterStatus:
 def parameter_statuses(fit: Fit, names: Sequence[str] | None = None) -> dict[str, ParameterStatus]:
     """Return what a fit tells of each of its parameters, or of those with certain `names`, by name.
 
-    An interval near a bound is searched for, which takes long; it is where the answer hangs on it.
+    Of the intervals near a bound, each of which takes a search, only those are looked for on which an answer depends.
     """
     wanted = fit.model.names if names is None else names
     known = {each.name: each for each in combinations(fit)}

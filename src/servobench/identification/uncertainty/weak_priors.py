@@ -41,6 +41,15 @@ def root_of_covariance(fit: Fit, jacobian: Array, scale: Array, variance: float)
     return np.asarray(np.linalg.inv(triangle), dtype=np.float64)
 
 
+def covariance_with_priors(fit: Fit, jacobian: Array, variance: float) -> Array:
+    """Return the covariance (P, P) of the shared parameters by rows of a Jacobian (N, P + ΣQ), innovations of that variance, and
+    the priors.
+    """
+    scale, shared = sizes(fit)[: jacobian.shape[1]], len(fit.model.names)
+    root = root_of_covariance(fit, jacobian, scale, variance) * scale[:, None]
+    return np.asarray(variance * (root @ root.T)[:shared, :shared], dtype=np.float64)
+
+
 def with_weak_priors(fit: Fit) -> Fit:
     """Return the fit of a motor that moved under one level in a direction, with what is known of its parameters together exact.
 
@@ -51,9 +60,7 @@ def with_weak_priors(fit: Fit) -> Fit:
     if not {"gain", "time_constant"} <= set(fit.model.names) or not fit.residual_sd > 0:
         return fit
     jacobian, e = innovations_and_jacobian(fit)
-    scale, shared = sizes(fit)[: jacobian.shape[1]], len(fit.model.names)
     variance = float(e @ e) / max(len(e) - jacobian.shape[1], 1)
-    root = root_of_covariance(fit, jacobian, scale, variance) * scale[:, None]
     lines = sum((line.covariance for line in fit.budget), np.zeros_like(fit.covariance))
-    own = variance * (root @ root.T)[:shared, :shared] + lines
+    own = covariance_with_priors(fit, jacobian, variance) + lines
     return replace(fit, covariance=np.where(np.outer(finite, finite), own, fit.covariance), intervals={})

@@ -22,8 +22,10 @@ def _about_fit(fit: Fit) -> list[Finding]:
     known = {"gain", "coulomb_voltage"} <= names and fit.model["gain"] != 0.0
     # A reading that is worth more of the input than friction is known to.
     least = _BEYOND * fit.sd("coulomb_voltage") * abs(fit.model["gain"]) if known else np.inf
-    least = least if np.isfinite(least) else np.inf
-    return [finding for record in fit.records for finding in _of(record, least)]
+    # A variance below zero tells nothing of friction either.
+    return [
+        finding for record in fit.records for finding in _of(record, np.inf if np.isnan(least) else least)
+    ]
 
 
 def _of(record: FittedRecord, least: float) -> list[Finding]:
