@@ -158,3 +158,70 @@ def test_a_quantum_that_printed_digits_leave_open_is_none() -> None:
 
     assert whole_counts(steps, "m") is None
     assert whole_counts(0.0307123 * (np.arange(3000) % 60), "m") is not None
+
+
+def printed_in_rpm(speed: NDArray[np.float64], digits: int, t: NDArray[np.float64] = T) -> Dataset:
+    """A speed [rad/s] as it comes from a column of rpm with so many decimals."""
+    rpm = np.round(speed * 30.0 / np.pi, digits)
+    return replace(speed_of(rpm * np.pi / 30.0, t), recorded_unit="rpm")
+
+
+def averaged(speed: NDArray[np.float64], weight: float) -> NDArray[np.float64]:
+    """The line `y += weight * (x - y)` of a sketch."""
+    y = np.zeros(len(speed))
+    for k in range(1, len(speed)):
+        y[k] = y[k - 1] + weight * (speed[k] - y[k - 1])
+    return y
+
+
+@pytest.mark.parametrize("weight", [0.1, 0.19, 0.35, 0.5])
+def test_counts_are_found_again_behind_an_average_that_nobody_named(weight: float) -> None:
+    (found,) = summations(printed_in_rpm(averaged(differenced(), weight), 2))
+
+    assert found.by_counts
+    assert f"weighs the newest sample by {weight:.2g} " in found.how
+    assert found.data.quantum == QUANTUM
+    np.testing.assert_allclose(
+        found.data.y / QUANTUM - 0.5, COUNTS - COUNTS[0], atol=1e-6, err_msg="from the first row on"
+    )
+
+
+def test_an_average_that_somebody_says_there_is_none_of_is_not_looked_for() -> None:
+    data = printed_in_rpm(averaged(differenced(), 0.2), 2)
+
+    assert not list(summations(replace(data, chain_known=True)))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_behind_an_average_has_no_counts(seed: int) -> None:
+    """A tachometer of 10 bits with two steps of noise, smoothed and printed with two decimals."""
+    steps = np.rint(
+        40.0 + 20.0 * np.sin(3.0 * T) + 2.0 * np.random.default_rng(seed).standard_normal(SAMPLES)
+    )
+    noisy = 0.1 * (steps + 0.3 * np.random.default_rng(seed + 100).standard_normal(SAMPLES))
+
+    assert not list(summations(printed_in_rpm(averaged(noisy, 0.2), 2)))
+
+
+def test_few_counts_whose_print_repeats_are_those_of_the_encoder() -> None:
+    """A count of 29.297 rpm is 29.3 in print, twice as many 58.6, up to six of them: all are multiples of 29.3."""
+    t = 0.001 * np.arange(SAMPLES)
+    counts = np.floor(np.cumsum(3.0 + 2.5 * np.sin(7.0 * t)))
+    speed = np.append(0.0, np.diff(counts)) * QUANTUM / 0.001
+    found = next(summations(printed_in_rpm(speed, 1, t)))
+
+    assert found.data.quantum == QUANTUM
+
+
+@pytest.mark.parametrize("digits", [0, 1])
+def test_the_last_digit_of_a_print_is_no_count(digits: int) -> None:
+    """At 50 ms a count of 4096 is 0.29 rpm: tenths of a rpm are a grid, of 12,000 in a turn, and so are whole ones."""
+    t = 0.05 * np.arange(SAMPLES)
+    speed = (
+        np.append(0.0, np.diff(np.floor((8.0 * t + np.sin(0.3 * t)) / (0.5 * QUANTUM))))
+        * 0.5
+        * QUANTUM
+        / 0.05
+    )
+
+    assert not list(summations(printed_in_rpm(speed, digits, t)))

@@ -71,7 +71,8 @@ def _restore(record: Dataset) -> Summation | None:
             least = min(least, plain.residual_sd)
             if plain.residual_sd > _WORSE * before:
                 continue  # a motor explains what the rows sum to in another way better, and that isn't proof enough
-            if is_rounding(plain) or (_ratio(plain) < _NOISY and _has_independent_errors(plain)):
+            quiet = _ratio(plain) < _NOISY or summation.by_counts
+            if is_rounding(plain) or (quiet and _has_independent_errors(plain)):
                 return summation
             fits.append(plain)
         smooth = [plain for plain in fits if _roughness(plain) < _NOISY]

@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.units import unit
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.derivative import Derivative
 from servobench.recordings.measurement.ema import Ema
-from servobench.recordings.measurement.grid import grid_step
+from servobench.recordings.measurement.grid import grid_step, last_decimal
 from servobench.recordings.measurement.lowpass import Lowpass
+from servobench.recordings.measurement.unnamed_ema import decays
 
 _FEWEST = 20  # samples
 _REGULAR = 0.01  # of the sample time; a speed over two samples is summed at regular times only
@@ -23,7 +25,10 @@ _SHARP = 1e-6  # of a quantum, below the standard deviation of any gain of a rea
 _CHANCE = (
     0.1  # counts in a turn that are open: the chance that a whole number is among them although there is none
 )
-_SAME = 1e-9  # of the range: what differs less is the same value, computed in two ways
+_GRID = 3.0  # errors of half a digit: one and a half of the print's own steps
+_APART = 50.0  # counts in a turn, of round numbers of them
+_ROUND = sorted({*range(100, 20_001, 100), *(2**bits for bits in range(6, 17))})
+_SAME = 1e-9  # of the range, or of a number: what differs less is the same value, computed in two ways
 _PRINTED = (
     0.02  # of the usual distance: what differs less is the same value, printed with its last digit up or down
 )
@@ -32,10 +37,14 @@ _FEW = 20  # different numbers of counts in an interval, of a slow encoder
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Summation:
-    """A position in counts, as a dataset, that a speed may have been made of, and `how` the speed was made of it, in words."""
+    """A position in counts, as a dataset, that a speed may have been made of, and `how` the speed was made of it, in words.
+
+    `by_counts` says that the lattice alone shows that it was: no converter's steps are whole numbers behind an average.
+    """
 
     data: Dataset
     how: str
+    by_counts: bool = False
 
 
 def summations(data: Dataset) -> Iterator[Summation]:
@@ -62,6 +71,8 @@ def summations(data: Dataset) -> Iterator[Summation]:
                 yield from _central(data, 2.0 * data.sample_time * speed, how)
         elif regular:
             yield from _backward(data, data.sample_time * speed, how)
+    if not data.declared and not data.chain_known:
+        yield from _without_unnamed_ema(data, steps)
 
 
 def _undo_filter(data: Dataset) -> Iterator[tuple[Array, int, str]]:
@@ -99,9 +110,35 @@ def _without_lowpass(data: Dataset, stage: Lowpass) -> Iterator[tuple[Array, int
         yield np.concatenate([first, (y - decay * before) / (1.0 - decay)]), 1, how
 
 
+def _without_unnamed_ema(data: Dataset, steps: Array) -> Iterator[Summation]:
+    """The sum of what an exponential average was taken of that nobody named, where the speed shows its weight."""
+    for decay, quantum in decays(data.y, steps, _step):
+        newest = (data.y[1:] - decay * data.y[:-1]) / (1.0 - decay)
+        error = (1.0 + decay) / (1.0 - decay) * _half_a_digit(data)
+        counts_and_quantum = whole_counts(
+            newest * steps, data.position_unit, error * data.sample_time, quantum
+        )
+        if counts_and_quantum is not None:
+            weight = f"{1.0 - decay:.2g}"
+            how = f"from sample to sample, after an exponential average that weighs the newest sample by {weight} was undone"
+            counts, quantum = counts_and_quantum
+            summed = np.append(0.0, np.cumsum(counts))
+            yield Summation(data=_position(data, summed, quantum), how=how, by_counts=True)
+            return
+
+
+def _half_a_digit(data: Dataset) -> float:
+    """Half of the last digit that a speed was recorded with, in its SI unit; 0 where it has all digits, or none is known."""
+    if not data.recorded_unit:
+        return 0.0
+    factor = unit(data.recorded_unit).factor
+    digit = last_decimal(data.y / factor)
+    return 0.0 if digit is None else 0.5 * digit * factor
+
+
 def _once(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
     """The sum of differences between neighbouring samples."""
-    counts_and_quantum = whole_counts(increments, data.position_unit)
+    counts_and_quantum = whole_counts(increments, data.position_unit, _half_a_digit(data) * data.sample_time)
     if counts_and_quantum is not None:
         counts, quantum = counts_and_quantum
         summed = np.concatenate([np.zeros(1), np.cumsum(counts)])
@@ -110,7 +147,8 @@ def _once(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
 
 def _central(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
     """The sum of differences between the next sample and the one before."""
-    counts_and_quantum = whole_counts(increments[1:-1], data.position_unit)
+    error = 2.0 * data.sample_time * _half_a_digit(data)
+    counts_and_quantum = whole_counts(increments[1:-1], data.position_unit, error)
     if counts_and_quantum is not None:
         counts, quantum = counts_and_quantum
         yield Summation(
@@ -128,24 +166,30 @@ def _backward(data: Dataset, increments: Array, how: str) -> Iterator[Summation]
         yield Summation(data=_position(data, _interleave(counts), quantum), how=f"from sample to sample{how}")
 
 
-def whole_counts(increments: Array, unit: str) -> tuple[Array, float] | None:
+def whole_counts(
+    increments: Array, symbol: str, error: float = 0.0, step: float | None = None
+) -> tuple[Array, float] | None:
     """Return whole numbers n (N,) and the quantum Q with increments (N,) = n Q to a twentieth of Q; None where there is none.
 
-    Digits that were left out of the print leave Q open by a part of it. An encoder has a whole number of counts in a turn (`unit`
-    rad), and a count is 1 (`unit` counts); where neither decides, and Q is open by more than a millionth, there is None, too:
-    the gain would be wrong by as much, whatever its interval says.
+    Digits that were left out of the print put each increment off by an `error` at most, and leave Q open by a part of it; a Q of
+    one such digit is the print's own. An encoder has a whole number of counts in a turn
+    (`symbol` rad), and a count is 1 (`symbol` counts); where neither decides, and Q is open by more than a millionth, there is
+    None, too: the gain would be wrong by as much, whatever its interval says. `step` is Q as far as it is known already.
     """
-    quantum = _step(increments)
+    quantum = step or _step(increments)
     if quantum is None:
         return None
     for _ in range(2):
         counts = np.rint(increments / quantum)
         quantum = float(np.abs(increments).sum() / np.abs(counts).sum())
     off = float(np.abs(increments - counts * quantum).max())
-    if off > _OFF * quantum:
+    if off > _OFF * quantum or quantum < _GRID * error:
         return None
     low, high = _open(np.abs(increments), np.abs(counts), off)
-    exact = _exact(low, high, unit)
+    exact = _exact(low, high, symbol)
+    if exact is None and error > off:
+        low, high = _open(np.abs(increments), np.abs(counts), error)
+        exact = _exact(low, high, symbol)
     if exact is None and high - low > _SHARP * quantum:
         return None
     return counts, exact or quantum
@@ -160,15 +204,22 @@ def _open(sizes: Array, counts: Array, off: float) -> tuple[float, float]:
     )
 
 
-def _exact(low: float, high: float, unit: str) -> float | None:
-    """The quantum of a whole number of counts in a turn, or of one count, that is the only one between low and high."""
-    if unit == "counts":
+def _exact(low: float, high: float, symbol: str) -> float | None:
+    """The quantum of a whole number of counts in a turn, or of one count, that is the only one between low and high.
+
+    Where they are too far apart for any whole number to be a proof, a round one is, as encoders have them.
+    """
+    if symbol == "counts":
         return 1.0 if low <= 1.0 <= high else None
-    if unit != "rad" or not low > 0:
+    if symbol != "rad" or not low > 0:
         return None
     fewest, most = 2.0 * np.pi / high, 2.0 * np.pi / low
-    whole = np.ceil(fewest)
-    return float(2.0 * np.pi / whole) if whole <= most < fewest + _CHANCE else None
+    whole = np.rint(fewest) if abs(fewest - np.rint(fewest)) < _SAME * fewest else np.ceil(fewest)
+    if whole <= most * (1.0 + _SAME) and most < fewest + _CHANCE:
+        return float(2.0 * np.pi / whole)
+    round_ones = [each for each in _ROUND if fewest <= each <= most]
+    open_enough = most - fewest < _CHANCE * _APART
+    return float(2.0 * np.pi / round_ones[0]) if len(round_ones) == 1 and open_enough else None
 
 
 def _step(increments: Array) -> float | None:
