@@ -49,7 +49,7 @@ def fitted(data: Dataset) -> Fit:
     [
         (of_edges(), "Each row is one step of the sensor", Severity.INFO),
         (read_evenly(), "The sensor is coarse", Severity.INFO),  # 19 steps in the 0.1 s of the time constant
-        (read_evenly(COARSE), "The sensor is coarse", Severity.WARNING),  # 4
+        (read_evenly(COARSE), "The sensor is coarse", Severity.INFO),  # 4
     ],
 )
 def test_rows_at_the_steps_of_a_sensor_are_told_from_a_coarse_one(
@@ -60,6 +60,19 @@ def test_rows_at_the_steps_of_a_sensor_are_told_from_a_coarse_one(
     assert finding.code == "resolution-coarse"
     assert finding.sentence.startswith(beginning)
     assert finding.severity is severity
+
+
+def test_less_than_a_step_in_a_time_constant_is_a_doubt() -> None:
+    """Steps of 60 rad, of which the motor passes one a second, and a fit that is sure of the time constant."""
+    fit = fitted(read_evenly(60.0))
+    sure = replace(
+        fit,
+        covariance=1e-12 * fit.covariance,
+        model=replace(fit.model, theta=np.array([20.0, 0.1, 0.0, 0.0])),
+    )
+    (finding,) = DOUBTS["resolution"].about_fit(sure)
+
+    assert finding.severity is Severity.WARNING
 
 
 def test_a_step_in_each_row_at_even_times_is_an_even_motion() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servobench.core.finding import Verdict
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
@@ -122,3 +123,29 @@ def test_a_sequence_of_steps_has_no_slow_starts() -> None:
     """Sampled so rarely that what moves by less than the noise of a moving shaft seems to rest between the steps."""
     for seed in range(1, 11):
         assert breakaway(dataset(seed=seed, kind="prbs", hold=10, samples=1000, sample_time=0.01)) is None
+
+
+@pytest.mark.parametrize(("gain", "counts"), [(1.1, 1000), (2.2, 500)])
+def test_the_steps_of_a_sensor_under_a_fast_chirp_are_no_static_friction(gain: float, counts: int) -> None:
+    """At a few hertz the input is far beyond the friction before the first count comes, in the model's own output as well."""
+    n, dt, tau, friction = 4000, 0.002, 0.064, 1.045
+    t = dt * np.arange(n)
+    rate = np.log(7.48 / 0.25) / (n * dt)
+    u = 4.3 * np.sin(2 * np.pi * 0.25 / rate * np.expm1(rate * t))
+    speed, angle, h, y = 0.0, 0.0, dt / 10, np.empty(n)
+    for k, volts in enumerate(u):
+        y[k] = np.floor(angle * counts / (2 * np.pi))
+        for _ in range(10):
+            if speed == 0.0 and abs(volts) <= friction:
+                continue
+            sense = np.sign(speed) or np.sign(volts)
+            new = speed + h / tau * (gain * (volts - friction * sense) - speed)
+            speed = 0.0 if new * sense < 0 else new
+            angle += h * speed
+    quantum = 2 * np.pi / counts
+    data = dataset(seed=1, u=u, samples=n, sample_time=dt, y=(y + 0.5) * quantum)
+
+    result = identify(replace(data, quantum=quantum))
+
+    assert "static-friction" not in {each.code for each in result.findings}
+    assert result.verdict is Verdict.TRUSTED

@@ -224,6 +224,18 @@ class Fit:
         return fit_percent(self.records)
 
 
+def as_predicted(fit: Fit) -> Fit:
+    """Return a fit whose outputs are its own predictions, in counts where there are any: what the model shows by itself."""
+    return replace(fit, records=tuple(_as_predicted(record) for record in fit.records))
+
+
+def _as_predicted(record: FittedRecord) -> FittedRecord:
+    y, quantum = record.prediction, record.data.quantum
+    if quantum is not None and record.data.kind == "position":
+        y = quantum * (np.floor(y / quantum) + 0.5)
+    return replace(record, data=replace(record.data, y=y), residual=y - record.prediction)
+
+
 def fit_percent(records: Sequence[FittedRecord]) -> float:
     """Return 100 (1 - |y - ŷ| / |y - mean(y)|) over all records, each with its own mean; NaN where nothing varies."""
     misfit = sum(float(np.sum(r.residual[r.valid] ** 2)) for r in records)

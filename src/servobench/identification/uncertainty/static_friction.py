@@ -18,7 +18,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import warning
 from servobench.core.rounding import TWO_SIDED, with_unit
-from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.base import Fit, as_predicted
 from servobench.identification.estimators.budget import Contribution
 from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 
@@ -48,16 +48,14 @@ class Breakaway:
 def with_static_friction(fit: Fit) -> Fit:
     """Return the fit with a finding, and a line of its budget that holds both, where the shaft starts at more than it stops at.
 
-    The same where a model has no Coulomb friction of one value, or fewer than two slow runs from rest to rest show it.
+    The same where a model has no Coulomb friction of one value, fewer than two slow runs from rest to rest show it, or the model
+    itself, whose friction has one value, seems to do so: by when its position gets from one step of the sensor to the next.
     """
     names = fit.model.names
     if "coulomb_voltage" not in names or "stribeck_voltage" in names:
         return fit
-    runs = [each for record in fit.records for each in [breakaway(record.data)] if each is not None]
-    if not runs:
-        return fit
-    start, stop = (np.concatenate([getattr(each, end) for each in runs]) for end in ("start", "stop"))
-    if len(start) < _FEW or float(np.quantile(1.0 - stop / start, 0.25)) < _CLEARLY:
+    start, stop = _starts_and_stops(fit)
+    if not _is_larger(start, stop) or _is_larger(*_starts_and_stops(as_predicted(fit))):
         return fit
     high, low = float(np.median(start)), float(np.median(stop))
     unit = fit.unit("coulomb_voltage")
@@ -70,6 +68,20 @@ def with_static_friction(fit: Fit) -> Fit:
         "static-friction", sentence, parameters=("coulomb_voltage", "gain", "time_constant", "delay")
     )
     return _widen(replace(fit, findings=(*fit.findings, finding)), low, high)
+
+
+def _starts_and_stops(fit: Fit) -> tuple[Array, Array]:
+    """The inputs at all starts (N,) and stops (N,) of a fit's records."""
+    runs = [each for record in fit.records for each in [breakaway(record.data)] if each is not None]
+    return (
+        np.concatenate([np.empty(0), *(each.start for each in runs)]),
+        np.concatenate([np.empty(0), *(each.stop for each in runs)]),
+    )
+
+
+def _is_larger(start: Array, stop: Array) -> bool:
+    """Whether a shaft clearly starts (N,) at more than it stops (N,) at, in most runs."""
+    return len(start) >= _FEW and float(np.quantile(1.0 - stop / start, 0.25)) >= _CLEARLY
 
 
 def _widen(fit: Fit, low: float, high: float) -> Fit:

@@ -11,7 +11,7 @@ from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.steady import SteadySpeed, steady_speeds
-from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt, unlike_its_model
 from servobench.recordings.measurement.dataset import Dataset
 
 _FEWEST = 3  # levels that were reached from both sides: one or two may differ by chance
@@ -115,4 +115,4 @@ def _may_drift(pairs: Sequence[_Pair], mean: float) -> bool:
     return rate * later + 2.0 * sd * abs(later) > _DRIFT * mean
 
 
-DOUBTS.member("direction")(Doubt(codes=("speed-by-direction",), about_fit=_about))
+DOUBTS.member("direction")(Doubt(codes=("speed-by-direction",), about_fit=unlike_its_model(_about)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.finding import Finding, list_text, warning
 from servobench.core.rounding import with_unit
-from servobench.identification.estimators.base import Fit, fit_percent
+from servobench.identification.estimators.base import Fit, as_predicted, fit_percent
 from servobench.identification.models.motion import is_ramp, smooth_speed
 from servobench.identification.models.steady import speeds_by_level
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
@@ -29,6 +29,13 @@ _EXPLAINED = 90.0  # percent of the output: a model that explains so much has wh
 
 
 def _about(fit: Fit) -> list[Finding]:
+    """The finding, unless a model with the friction of a motor shows the same: its speeds haven't settled, either."""
+    findings = _bends(fit)
+    drives = "coulomb_voltage" in fit.model.names and fit.model["coulomb_voltage"] < 0.0
+    return [] if findings and not drives and _bends(as_predicted(fit)) else findings
+
+
+def _bends(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names:
         return []
     speeds = speeds_by_level([record.data for record in fit.records])

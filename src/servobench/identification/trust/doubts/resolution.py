@@ -14,11 +14,11 @@ from servobench.identification.uncertainty.model_error import SOURCE
 from servobench.recordings.measurement.dataset import Dataset
 
 _FEWEST = 40.0  # steps in a time constant, or in the range of a speed
-# Fewer steps than that in a time constant, at the longest that it may be, and a rounding (a step / √12) is more than 5 % of the
-# way: it is no small perturbation of the model any more, which is what the intervals are worked out for. With more, 237 intervals
-# of simulated motors that nothing else speaks against lay 0.7 standard deviations off in the root mean square, and none more
-# than 2.5.
-_BLIND = 1 / (0.05 * 12**0.5)
+# Steps in a time constant, at the longest that it may be; with fewer the motion between two of them is all but unseen. With 1 to
+# 6, 56 records of simulated motors under inputs of five kinds, on encoders of 8 to 44 counts, had 162 intervals that lay 0.7
+# standard deviations off in the root mean square, and none more than 2.6; square waves, which are rounded alike in each period,
+# had 31, 1.3 off and none more than 2.4. Of 14 records with less than half a step one had a friction 24 of its own off.
+_BLIND = 1.0
 _UNEVEN = 0.1  # of the median time step: what a clock that is read by a program may vary by anyway
 _ALIKE = 1e-3  # of a step: what is left of rounded decimals
 # Of a step, noise and rounding together. Then the noise alone is 0.4 of one, and the bias of rounding exp(-2 π² 0.4²) / π,
