@@ -290,6 +290,10 @@ def test_a_second_lag_of_a_speed_of_unknown_origin_may_be_a_filters() -> None:
     (found,) = [each for each in result.findings if each.code == "winding-found"]
     assert "of a filter on the speed" in found.sentence
     assert "inductance" not in found.sentence
+    assert result.fit is not None
+    assert "which lag is the motor's" in {line.source for line in result.fit.budget}
+    low, high = result.fit["time_constant"].interval
+    assert low < 0.04 < 0.05 < high  # the motor's is the longer one here, but nothing in the record says so
 
 
 def test_rounding_that_repeats_is_no_ripple_and_no_gravity() -> None:

@@ -21,6 +21,7 @@ from servobench.identification.estimators.prediction_error import (
     disturbance_test,
     with_innovations,
 )
+from servobench.identification.models.motion import turns_both_ways
 from servobench.identification.models.nonlinear.structure import STRIBECK
 from servobench.identification.models.rational import Rational
 from servobench.identification.trust.validation import explains_the_colour
@@ -29,6 +30,7 @@ from servobench.identification.uncertainty.score_test import ASKED, ScoreTest, T
 
 _AS_LIKELY = 3.84  # in χ²: what chance exceeds in 5 % of runs
 _RIPPLES = range(1, 17)  # times a revolution
+_OF_BOTH_WAYS = ("directions-differ", "drag-differs", "backlash")
 
 
 def _of_input(shown: TermScore, what: str, times: float = 1.0) -> str:
@@ -193,10 +195,16 @@ def score_terms(fit: Fit) -> tuple[TermScore, ...]:
 
 
 def _terms(fit: Fit, largest: float) -> tuple[Term, ...]:
-    """The terms to look for; of a model whose friction falls with the speed, another form of the fall."""
+    """The terms to look for; of a model whose friction falls with the speed, another form of the fall.
+
+    A motor that turned one way only shows nothing of another direction, even where its model, which doesn't stick, turns back.
+    """
+    terms = TERMS
+    if not turns_both_ways([record.data for record in fit.records]):
+        terms = tuple(term for term in terms if term.code not in _OF_BOTH_WAYS)
     if STRIBECK.name not in fit.model.names:
-        return TERMS
-    others = (term for term in TERMS if term.rung != "stribeck")
+        return terms
+    others = (term for term in terms if term.rung != "stribeck")
     return (other_fall(fit, largest), *others)
 
 

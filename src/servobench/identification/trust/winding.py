@@ -7,8 +7,11 @@ is 2 τ_e times that of τ_e. It has to be four of those away from zero, so τ_e
 
 from __future__ import annotations
 
+import numpy as np
+
 from servobench.core.finding import Finding, refusal, warning
 from servobench.identification.estimators.base import Fit
+from servobench.identification.trust.doubts.chain_unknown import EITHER_LAG
 
 _AWAY = 8.0  # standard deviations of τ_e that it has to lie above zero
 _NEARLY_HALF = 0.45  # of τ: from there on the two poles are as good as one, or complex
@@ -23,7 +26,7 @@ def about_winding(fit: Fit) -> list[Finding]:
     if "electrical_time_constant" not in fit.model.names:
         return []
     lag, tau = fit.model["electrical_time_constant"], fit.model["time_constant"]
-    if not lag > _AWAY * fit.sd("electrical_time_constant"):
+    if not lag > _AWAY * sd_of_second_lag(fit):
         step = max(record.data.sample_time for record in fit.records)
         whole = lag + (fit.model["delay"] if "delay" in fit.model.names else 0.0)
         sentence = (
@@ -45,3 +48,13 @@ def about_winding(fit: Fit) -> list[Finding]:
             warning("poles-not-apart", sentence, parameters=("electrical_time_constant", "time_constant"))
         ]
     return []
+
+
+def sd_of_second_lag(fit: Fit) -> float:
+    """Return the standard deviation of the second lag [s] if it is the shorter one for certain.
+
+    That either may be the motor's (`trust.doubts.chain_unknown`) is no doubt that there are two.
+    """
+    at = fit.model.names.index("electrical_time_constant")
+    exchanged = sum(float(line.covariance[at, at]) for line in fit.budget if line.source == EITHER_LAG)
+    return float(np.sqrt(fit.covariance[at, at] - exchanged))

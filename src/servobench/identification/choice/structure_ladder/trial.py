@@ -23,7 +23,7 @@ from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.motion import smooth_speed, turns_between_rows
 from servobench.identification.models.nonlinear.grammar import with_term
 from servobench.identification.trust.validation import explains_the_colour
-from servobench.identification.trust.winding import about_winding
+from servobench.identification.trust.winding import about_winding, sd_of_second_lag
 from servobench.identification.uncertainty.score_test import LIMIT
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -42,7 +42,6 @@ _NAMES = {
     "coulomb": "coulomb_voltage",
     "load": "load_friction",
     "asymmetric": "drag_asymmetry",
-    "winding": "electrical_time_constant",
 }
 _BOTH_WAYS = ("coulomb_voltage_forward", "coulomb_voltage_backward")
 TERMS = {
@@ -257,6 +256,8 @@ def amount(term: str, fit: Fit) -> tuple[float, float]:
     """Return how much of a term a fit has, with its standard deviation: of Stribeck friction u_s ω_s, which reversals tell."""
     names = fit.model.names
     value, slope = 0.0, np.zeros(len(names), dtype=np.float64)
+    if term == "winding":
+        return float(fit.model["electrical_time_constant"]), sd_of_second_lag(fit)
     if term == "stribeck":
         u, speed = (names.index(n) for n in ("stribeck_voltage", "stribeck_speed"))
         value = float(fit.model.theta[u] * fit.model.theta[speed])
