@@ -177,7 +177,7 @@ _TABLE = (
         "Add an integral part if the error matters."),
     FindingCode("friction-left-out", "The requested structure lacks the friction that the data need.",
         "Use first_order_coulomb."),
-    FindingCode("friction-not-found", "The data show no Coulomb friction."),
+    FindingCode("friction-not-found", "A model without Coulomb friction explains the data as well."),
     FindingCode("friction-possible", "There may be friction, but the data don't show it for certain.",
         "Record reversals at low speed."),
     FindingCode("gain-against-motion", "The gain has another sign than the motion under the input.",

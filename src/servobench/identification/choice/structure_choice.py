@@ -273,7 +273,7 @@ def _friction_not_found(data: Sequence[Dataset]) -> Finding:
             "allows for where the residual shows that the model isn't exact."
         )
         return info(code, sentence)
-    return info(code, "The data show no Coulomb friction: the model without it explains them equally well.")
+    return info(code, f"{as_well} What friction there is shows as another gain or offset here.")
 
 
 def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Base, Fit]:

@@ -68,7 +68,7 @@ def _speed(data: Dataset) -> list[Finding]:
         return []
     sentence = (
         f"{data.name}: the motor seems to turn at {plain(fastest, 3)} rad/s ({plain(fastest * 30 / np.pi, 3)} "
-        "rpm), faster than any servo motor: degrees or counts may have been read as radians, or "
+        "rpm), faster than nearly any servo motor: degrees or counts may have been read as radians, or "
         "milliseconds as seconds. Check the units: `output=COL:UNIT`, `time=COL:UNIT`."
     )
     return [warning("size-absurd", sentence, parameters=("gain",))]

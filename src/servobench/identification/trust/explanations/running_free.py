@@ -44,7 +44,7 @@ def _free_run(case: Case) -> CauseFit | None:
     if float(np.mean(np.concatenate(falls)[where])) < _FALLS:
         return None
     sentence = (
-        "While it slows down the motor runs free, whatever the input is: its driver lets go of it where it should brake it. "
+        "While it slows down the motor runs free: its driver lets go of it where it should brake it. "
         f"{ADVICE}"
     )
     return CauseFit(
