@@ -27,7 +27,7 @@ _FREE = 0.5  # of what the winding brakes a motor with: as much of it has to be 
 _FINE = 8  # parts of a sample time, in which a speed that falls is held
 
 
-def _released(case: Case) -> CauseFit | None:
+def _coast_at_zero(case: Case) -> CauseFit | None:
     """Whether the winding brakes under an input only; whether it does where the motor outruns one is `running_free`."""
     if any(each.data.chain.linear for each in case.motions):
         return None
@@ -79,4 +79,4 @@ def _with_missing_brake(data: Dataset, by_speed: float) -> Dataset:
     return with_extra(data, brake_input, between)
 
 
-EXPLANATIONS.member("released")(_released)
+EXPLANATIONS.member("released")(_coast_at_zero)
