@@ -128,6 +128,8 @@ _TABLE = (
         "Identify each direction by itself."),
     FindingCode("drag-not-linear", "Drag grows faster than the speed, as of air or a fan.",
         "Stay at lower speeds, or identify about one speed.", Role.EXPLANATION),
+    FindingCode("driver-drop-possible", "A part of the Coulomb voltage may be lost in the driver.",
+        "Record the voltage at the motor."),
     FindingCode("duty-scaled", "The input is a duty cycle and was multiplied by the supply voltage."),
     FindingCode("electrical-pole-not-told", "The data can't separate the winding's lag from a delay.",
         "Sample faster, or use a first-order structure."),

@@ -77,6 +77,14 @@ def _one_way(offset: float) -> Fit:
 
 
 @cache
+def _under_a_duty(lost: float) -> Fit:
+    """5 to 10 V of a supply, of which a driver keeps some."""
+    u = np.where(np.arange(3000) % 500 < 250, 10.0, 5.0)
+    data = replace(driven(u - lost), u=u, findings=(info("duty-scaled", "The duty times 10 V."),))
+    return fitted(data, "first_order_one_way")
+
+
+@cache
 def _up_and_down(width: float) -> Fit:
     """Up to 4 V and down again, a second a level, through so many volts of play to either side."""
     u = np.repeat([0.0, 1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0, 0.0], 500)
@@ -284,6 +292,7 @@ EXAMPLES = (
         absent=lambda: identify(sound(samples=2000)).findings,
     ),
     _example("weight-by-speed", lambda: fit_of_arm(0.5), lambda: fit_of_arm(0.0)),
+    _example("driver-drop-possible", lambda: _under_a_duty(2.0), lambda: _under_a_duty(0.2)),
     _example("offset-found", lambda: _one_way(0.0)),
     _example("offset-negative", lambda: _one_way(1.0), lambda: _one_way(0.0)),
     _example("output-limited", lambda: _speed_up_to(35.0), lambda: _speed_up_to(100.0)),
