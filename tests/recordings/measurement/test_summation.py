@@ -225,3 +225,10 @@ def test_the_last_digit_of_a_print_is_no_count(digits: int) -> None:
     )
 
     assert not list(summations(printed_in_rpm(speed, digits, t)))
+
+
+def test_an_average_of_a_motor_that_changes_its_speed_shows_that_a_row_is_missing() -> None:
+    kept = np.delete(np.arange(SAMPLES), 1500)
+    data = printed_in_rpm(averaged(differenced(), 0.2)[kept], 2, T[kept])
+
+    assert not list(summations(data))

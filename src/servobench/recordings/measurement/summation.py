@@ -61,8 +61,15 @@ def summations(data: Dataset) -> Iterator[Summation]:
     steps = np.diff(data.t_output)
     if data.kind != "speed" or data.applied or len(data.y) < _FEWEST:
         return
-    if steps.max() > _LOST * data.sample_time:
-        return
+    if steps.max() <= _LOST * data.sample_time:
+        yield from _plainly(data, steps)
+    if not data.declared and not data.chain_known:
+        # Of a row that is missing the average has less left than of the others, so that its counts are no whole number.
+        yield from _without_unnamed_ema(data, steps)
+
+
+def _plainly(data: Dataset, steps: Array) -> Iterator[Summation]:
+    """The sums of a speed without a filter, or before the one that is declared."""
     regular = bool(np.ptp(steps) < _REGULAR * data.sample_time)
     for speed, reach, how in _undo_filter(data):
         if reach == 1:
@@ -71,8 +78,6 @@ def summations(data: Dataset) -> Iterator[Summation]:
                 yield from _central(data, 2.0 * data.sample_time * speed, how)
         elif regular:
             yield from _backward(data, data.sample_time * speed, how)
-    if not data.declared and not data.chain_known:
-        yield from _without_unnamed_ema(data, steps)
 
 
 def _undo_filter(data: Dataset) -> Iterator[tuple[Array, int, str]]:

@@ -16,7 +16,7 @@ from typing import TypeAlias
 
 from servobench.core.finding import Finding
 from servobench.core.registry import Registry
-from servobench.identification.estimators.base import Fit, as_predicted
+from servobench.identification.estimators.base import Fit
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.rig.motor.parameters import MotorParameters
 
@@ -47,22 +47,6 @@ class Doubt:
 
 
 DOUBTS: Registry[Doubt] = Registry("doubt", "servobench.identification.trust.doubts", "servobench.doubts")
-
-
-def unlike_its_model(about: AboutFit) -> AboutFit:
-    """Return a check of a fit without the findings whose codes it has of the model's own output, too.
-
-    A model that shows the same has nothing of it: speeds that didn't settle look as if they hung on where they came from.
-    """
-
-    def _about(fit: Fit) -> Sequence[Finding]:
-        findings = about(fit)
-        if not findings:
-            return findings
-        of_model = {finding.code for finding in about(as_predicted(fit))}
-        return [finding for finding in findings if finding.code not in of_model]
-
-    return _about
 
 
 def about_data(records: Sequence[Dataset], nominal: MotorParameters | None = None) -> list[Finding]:

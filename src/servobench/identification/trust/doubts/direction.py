@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from servobench.core.finding import Finding, warning
 from servobench.core.rounding import with_unit
-from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.base import Fit, as_predicted
 from servobench.identification.models.steady import SteadySpeed, steady_speeds
-from servobench.identification.trust.doubts.base import DOUBTS, Doubt, unlike_its_model
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
 _FEWEST = 3  # levels that were reached from both sides: one or two may differ by chance
@@ -23,14 +23,19 @@ _DRIFT = 0.5  # of the difference: what a steady drift may explain of it, with t
 
 @dataclass(frozen=True, kw_only=True)
 class _Pair:
-    """The speeds that a motor settled at under one level, without their signs, once from below and once from above."""
+    """The speeds that a motor settled at under one level, without their signs, once from below and once from above.
+
+    `of_model` is how much more the model has from above at those times: it hasn't quite settled, and of levels that are nearly
+    alike one may be larger.
+    """
 
     from_below: SteadySpeed
     from_above: SteadySpeed
+    of_model: float = 0.0
 
     @property
     def difference(self) -> float:
-        return abs(self.from_above.speed) - abs(self.from_below.speed)
+        return abs(self.from_above.speed) - abs(self.from_below.speed) - self.of_model
 
     @property
     def later(self) -> float:
@@ -41,15 +46,27 @@ class _Pair:
 def _about(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names:
         return []
-    every = [(record.data, steady_speeds(record.data)) for record in fit.records]
+    findings: list[Finding] = []
+    for record, predicted in zip(fit.records, as_predicted(fit).records, strict=True):
+        visits = steady_speeds(record.data)
+        of_model = {visit.time: abs(visit.speed) for visit in steady_speeds(predicted.data)}
+        for sense in (1.0, -1.0):
+            findings += _of(record.data, visits, _beside_model(_pairs(visits, sense), of_model))
+    return findings
+
+
+def _beside_model(pairs: Sequence[_Pair], of_model: Mapping[float, float]) -> list[_Pair]:
+    """The pairs with what the model has of each difference; those whose speeds haven't settled in the model are left out."""
+    ends = [(pair, pair.from_below.time, pair.from_above.time) for pair in pairs]
     return [
-        finding for data, visits in every for sense in (1.0, -1.0) for finding in _of(data, visits, sense)
+        replace(pair, of_model=of_model[above] - of_model[below])
+        for pair, below, above in ends
+        if below in of_model and above in of_model
     ]
 
 
-def _of(data: Dataset, visits: Sequence[SteadySpeed], sense: float) -> list[Finding]:
+def _of(data: Dataset, visits: Sequence[SteadySpeed], pairs: Sequence[_Pair]) -> list[Finding]:
     """Whether each level of one sign has a speed of its own for either direction, beyond what a drift explains."""
-    pairs = _pairs(visits, sense)
     # Ascending, and some of them more than once.
     levels = np.array([abs(pair.from_below.level) for pair in pairs])
     count = np.count_nonzero(np.diff(levels, prepend=0.0) > _ALIKE * levels.max(initial=0.0))
@@ -115,4 +132,4 @@ def _may_drift(pairs: Sequence[_Pair], mean: float) -> bool:
     return rate * later + 2.0 * sd * abs(later) > _DRIFT * mean
 
 
-DOUBTS.member("direction")(Doubt(codes=("speed-by-direction",), about_fit=unlike_its_model(_about)))
+DOUBTS.member("direction")(Doubt(codes=("speed-by-direction",), about_fit=_about))
