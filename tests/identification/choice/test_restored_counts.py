@@ -180,3 +180,26 @@ def test_counts_behind_an_average_that_nobody_named_give_what_the_counts_give(pr
     assert "weighs the newest sample by 0.2 " in restored.sentence
     assert found.verdict is Verdict.TRUSTED
     assert_same(identify(counts), found)
+
+
+@pytest.mark.parametrize("digits", [4, 5, None])
+@pytest.mark.parametrize("step", [1.0, 0.5, 0.1, 1 / 3])
+def test_an_exact_simulation_is_no_average_of_its_input(step: float, digits: int | None) -> None:
+    """y[k] = a y[k-1] + (1 - a) K u[k-1] is an average, too: of levels, which are whole numbers of one step, and no counts."""
+    u = np.repeat(step * np.rint(np.random.default_rng(1).uniform(-6.0, 6.0, 75) / step), 20)
+    y, left = np.zeros(len(u)), np.exp(-0.01 / 0.1)
+    for k in range(1, len(u)):
+        y[k] = left * y[k - 1] + (1.0 - left) * 20.0 * u[k - 1]
+    if digits is not None:
+        y = np.round(y, digits)
+    data = replace(
+        dataset(seed=1, samples=len(u), sample_time=0.01, u=u, y=y),
+        kind="speed",
+        output_unit="rad/s",
+        quantum=None,
+    )
+
+    result = identify(replace(data, recorded_unit="rad/s", chain_known=False))
+
+    assert RESTORED not in codes(result)
+    assert result["time_constant"].value == pytest.approx(0.1, rel=1e-3)

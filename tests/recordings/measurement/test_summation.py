@@ -189,7 +189,32 @@ def test_counts_are_found_again_behind_an_average_that_nobody_named(weight: floa
 def test_an_average_that_somebody_says_there_is_none_of_is_not_looked_for() -> None:
     data = printed_in_rpm(averaged(differenced(), 0.2), 2)
 
+    assert list(summations(data))
     assert not list(summations(replace(data, chain_known=True)))
+
+
+@pytest.mark.parametrize("digits", [None, 1, 2])
+def test_differences_that_are_not_averaged_are_no_average(digits: int | None) -> None:
+    """What an average of one half would have been of is 2 y[k] - y[k-1], a whole number of counts as well."""
+    data = speed_of(differenced()) if digits is None else printed_in_rpm(differenced(), digits)
+
+    assert not any(each.by_counts for each in summations(data))
+
+
+@pytest.mark.parametrize("weight", [0.2, 0.3])
+@pytest.mark.parametrize("counts", [360, 1024])
+@pytest.mark.parametrize("digits", [None, 2])
+def test_an_average_is_found_with_all_digits_and_with_few(
+    weight: float, counts: int, digits: int | None
+) -> None:
+    t, quantum = 0.01 * np.arange(SAMPLES), 2.0 * np.pi / counts
+    turned = np.floor((40.0 * t + 25.0 * np.sin(1.3 * t) + 9.0 * np.sin(4.1 * t)) / quantum)
+    smooth = averaged(np.append(0.0, np.diff(turned)) * quantum / 0.01, weight)
+    (found,) = summations(speed_of(smooth, t) if digits is None else printed_in_rpm(smooth, digits, t))
+
+    np.testing.assert_allclose(
+        found.data.y / (found.data.quantum or 1.0) - 0.5, turned - turned[0], atol=1e-3
+    )
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -203,10 +228,22 @@ def test_noise_behind_an_average_has_no_counts(seed: int) -> None:
     assert not list(summations(printed_in_rpm(averaged(noisy, 0.2), 2)))
 
 
+@pytest.mark.parametrize("counts", [403.2, 1496.88, 2803.2])
+@pytest.mark.parametrize("digits", [0, 1])
+def test_a_geared_encoder_is_not_rounded_to_a_round_number(counts: float, digits: int) -> None:
+    """A print that leaves several counts in a turn open has no encoder of 400, 1500 or 2800 in it: a gear makes others."""
+    t, quantum = 0.01 * np.arange(SAMPLES), 2.0 * np.pi / counts
+    turned = np.floor((5.0 * t + 2.0 * np.sin(1.3 * t)) / quantum)
+    speed = np.append(0.0, np.diff(turned)) * quantum / 0.01
+
+    for found in summations(printed_in_rpm(speed, digits, t)):
+        assert found.data.quantum == pytest.approx(quantum, rel=1e-4)
+
+
 def test_few_counts_whose_print_repeats_are_those_of_the_encoder() -> None:
-    """A count of 29.297 rpm is 29.3 in print, twice as many 58.6, up to six of them: all are multiples of 29.3."""
+    """A count of 29.297 rpm is 29.3 in print, twice as many 58.6, and so on up to a dozen: all are multiples of 29.3."""
     t = 0.001 * np.arange(SAMPLES)
-    counts = np.floor(np.cumsum(3.0 + 2.5 * np.sin(7.0 * t)))
+    counts = np.floor(np.cumsum(6.0 + 5.5 * np.sin(7.0 * t)))
     speed = np.append(0.0, np.diff(counts)) * QUANTUM / 0.001
     found = next(summations(printed_in_rpm(speed, 1, t)))
 

@@ -9,6 +9,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, info
+from servobench.core.rounding import TWO_SIDED
 from servobench.core.units import unit
 from servobench.identification.choice.noise_choice import allow_for_disturbance
 from servobench.identification.estimators.base import ESTIMATORS, Fit
@@ -34,6 +35,10 @@ _ANOTHER_BACK = -0.3
 _WORSE = 2.0  # a central difference that is summed from sample to sample is a mean of two counts, with √2 less rounding
 # Sample times: a torque moves a motor that forgets faster from sample to sample, as errors of its speeds move a sum.
 _SLOW = 2.0
+_NO_LAG = (
+    0.5  # sample times: a motor as fast as that goes to its end within two rows, and shows no lag of its own
+)
+_AHEAD = 0.25  # of a sample time: what the times of a row may be off by
 _STRUCTURES = {True: ("first_order_coulomb",), False: ("first_order_one_way", "first_order_one_way_rest")}
 _PRINTED = ("rad/s", "deg/s", "rpm", "rev/s")
 _EXACT = 1e-4  # of a step that is a power of ten; no encoder's is as near to one by chance more than once in a thousand
@@ -71,6 +76,8 @@ def _restore(record: Dataset) -> Summation | None:
             least = min(least, plain.residual_sd)
             if plain.residual_sd > _WORSE * before:
                 continue  # a motor explains what the rows sum to in another way better, and that isn't proof enough
+            if _is_no_motor(plain):
+                continue
             quiet = _ratio(plain) < _NOISY or summation.by_counts
             if is_rounding(plain) or (quiet and _has_independent_errors(plain)):
                 return summation
@@ -81,6 +88,17 @@ def _restore(record: Dataset) -> Summation | None:
         if fits and not smooth:
             return None
     return None
+
+
+def _is_no_motor(plain: Fit) -> bool:
+    """Whether a fit of a sum has no lag, or is plainly ahead of its input.
+
+    The one is an exact simulation's, whose own lag was taken for an average; the other the steps of a converter.
+    """
+    sample_time = plain.records[0].data.sample_time
+    delay = plain["delay"]
+    ahead = delay.value + TWO_SIDED * delay.sd < -_AHEAD * sample_time
+    return plain.model["time_constant"] < _NO_LAG * sample_time or ahead
 
 
 def _plain_fits(data: Dataset) -> Iterator[Fit]:

@@ -273,7 +273,9 @@ def _friction_not_found(data: Sequence[Dataset]) -> Finding:
             "allows for where the residual shows that the model isn't exact."
         )
         return info(code, sentence)
-    return info(code, f"{as_well} What friction there is shows as another gain or offset here.")
+    return info(
+        code, f"{as_well} Any friction there is can't be told from a different gain or offset in these data."
+    )
 
 
 def _allow_with_friction(base: _Base, allow: Callable[[Fit], Fit]) -> tuple[_Base, Fit]:

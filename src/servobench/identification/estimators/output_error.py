@@ -447,7 +447,7 @@ def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> 
         words = parameter_in_words(parameter.name, parameter.unit_in(data[0]))
         sentence = f"The {words} ended at the limit of its range, {value:.3g}: "
         if value == 0:
-            sentence += "the data are explained as well without it."
+            sentence += "the model explains the data equally well without it."
             findings.append(info("parameter-at-bound", sentence, parameters=(parameter.name,)))
         else:
             sentence += "the model doesn't suit these data, or the columns are misaligned."

@@ -170,8 +170,8 @@ def _text_of_odd(odd: RecordFit, records: int) -> str:
     return (
         f"Fitted to the rest of the data, the model doesn't predict {odd.name}: it misses {100 - odd.fit_percent:.1f} % of the "
         f"output there, {odd.beyond:.0f} times what the rest predicts. The motor, the supply or the amplifier may have been "
-        f"different there{elsewhere}, a row may be missing, or it moves there as nowhere else, and shows "
-        "what the model leaves out, such as a dead zone; identify with and without it, and compare."
+        f"different there{elsewhere}, or a row may be missing. Or it moves there as nowhere else, and shows what the model "
+        "leaves out, such as a dead zone. Identify with and without it, and compare."
     )
 
 

@@ -57,4 +57,4 @@ def sd_of_second_lag(fit: Fit) -> float:
     """
     at = fit.model.names.index("electrical_time_constant")
     exchanged = sum(float(line.covariance[at, at]) for line in fit.budget if line.source == EITHER_LAG)
-    return float(np.sqrt(fit.covariance[at, at] - exchanged))
+    return float(np.sqrt(max(fit.covariance[at, at] - exchanged, 0.0)))

@@ -26,8 +26,10 @@ _CHANCE = (
     0.1  # counts in a turn that are open: the chance that a whole number is among them although there is none
 )
 _GRID = 3.0  # errors of half a digit: one and a half of the print's own steps
-_APART = 50.0  # counts in a turn, of round numbers of them
-_ROUND = sorted({*range(100, 20_001, 100), *(2**bits for bits in range(6, 17))})
+# Of the quantum, that the digits leave open. A count of 4.008 rpm is one of 4 in whole rpm, as long as there are few of them;
+# where less is open, a quantum that is round in print and makes a whole number of counts in a turn is seldom a gear's.
+_COINCIDENCE = 0.005
+_OPEN = 1.0  # counts in a turn that are open where a power of two is among them
 _SAME = 1e-9  # of the range, or of a number: what differs less is the same value, computed in two ways
 _PRINTED = (
     0.02  # of the usual distance: what differs less is the same value, printed with its last digit up or down
@@ -39,7 +41,8 @@ _FEW = 20  # different numbers of counts in an interval, of a slow encoder
 class Summation:
     """A position in counts, as a dataset, that a speed may have been made of, and `how` the speed was made of it, in words.
 
-    `by_counts` says that the lattice alone shows that it was: no converter's steps are whole numbers behind an average.
+    `by_counts` says that the lattice shows that it was, if there is a motor behind it: no converter's steps are whole numbers
+    behind an average, but the levels of an input are, behind the motor itself.
     """
 
     data: Dataset
@@ -63,7 +66,7 @@ def summations(data: Dataset) -> Iterator[Summation]:
         return
     if steps.max() <= _LOST * data.sample_time:
         yield from _plainly(data, steps)
-    if not data.declared and not data.chain_known:
+    if not data.declared and not data.chain_known and not _lies_on_a_lattice(data, steps):
         # Of a row that is missing the average has less left than of the others, so that its counts are no whole number.
         yield from _without_unnamed_ema(data, steps)
 
@@ -119,10 +122,8 @@ def _without_unnamed_ema(data: Dataset, steps: Array) -> Iterator[Summation]:
     """The sum of what an exponential average was taken of that nobody named, where the speed shows its weight."""
     for decay, quantum in decays(data.y, steps, _step):
         newest = (data.y[1:] - decay * data.y[:-1]) / (1.0 - decay)
-        error = (1.0 + decay) / (1.0 - decay) * _half_a_digit(data)
-        counts_and_quantum = whole_counts(
-            newest * steps, data.position_unit, error * data.sample_time, quantum
-        )
+        error = (1.0 + decay) / (1.0 - decay) * _half_a_digit(data) * float(steps.max())
+        counts_and_quantum = whole_counts(newest * steps, data.position_unit, error, quantum)
         if counts_and_quantum is not None:
             weight = f"{1.0 - decay:.2g}"
             how = f"from sample to sample, after an exponential average that weighs the newest sample by {weight} was undone"
@@ -130,6 +131,18 @@ def _without_unnamed_ema(data: Dataset, steps: Array) -> Iterator[Summation]:
             summed = np.append(0.0, np.cumsum(counts))
             yield Summation(data=_position(data, summed, quantum), how=how, by_counts=True)
             return
+
+
+def _lies_on_a_lattice(data: Dataset, steps: Array) -> bool:
+    """Whether a speed, or what it makes of the time between rows, is a multiple of one step that isn't the print's.
+
+    No average is, but what one with a weight of 1/m would have been of is, as m y[k] - (m - 1) y[k-1] is a whole number then.
+    """
+    print_step = _GRID * _half_a_digit(data)
+    own, counted = _step(data.y), _step(data.y[1:] * steps)
+    return (own is not None and own > print_step) or (
+        counted is not None and counted > print_step * data.sample_time
+    )
 
 
 def _half_a_digit(data: Dataset) -> float:
@@ -181,7 +194,7 @@ def whole_counts(
     (`symbol` rad), and a count is 1 (`symbol` counts); where neither decides, and Q is open by more than a millionth, there is
     None, too: the gain would be wrong by as much, whatever its interval says. `step` is Q as far as it is known already.
     """
-    quantum = step or _step(increments)
+    quantum = _step(increments) if step is None else step
     if quantum is None:
         return None
     for _ in range(2):
@@ -192,9 +205,10 @@ def whole_counts(
         return None
     low, high = _open(np.abs(increments), np.abs(counts), off)
     exact = _exact(low, high, symbol)
-    if exact is None and error > off:
+    if error > off:
         low, high = _open(np.abs(increments), np.abs(counts), error)
-        exact = _exact(low, high, symbol)
+        if exact is None or high - low > _COINCIDENCE * quantum:
+            exact = _exact(low, high, symbol)
     if exact is None and high - low > _SHARP * quantum:
         return None
     return counts, exact or quantum
@@ -212,7 +226,7 @@ def _open(sizes: Array, counts: Array, off: float) -> tuple[float, float]:
 def _exact(low: float, high: float, symbol: str) -> float | None:
     """The quantum of a whole number of counts in a turn, or of one count, that is the only one between low and high.
 
-    Where they are too far apart for any whole number to be a proof, a round one is, as encoders have them.
+    Where they are too far apart for any whole number to be a proof, a power of two is, which no gear makes by chance.
     """
     if symbol == "counts":
         return 1.0 if low <= 1.0 <= high else None
@@ -222,9 +236,8 @@ def _exact(low: float, high: float, symbol: str) -> float | None:
     whole = np.rint(fewest) if abs(fewest - np.rint(fewest)) < _SAME * fewest else np.ceil(fewest)
     if whole <= most * (1.0 + _SAME) and most < fewest + _CHANCE:
         return float(2.0 * np.pi / whole)
-    round_ones = [each for each in _ROUND if fewest <= each <= most]
-    open_enough = most - fewest < _CHANCE * _APART
-    return float(2.0 * np.pi / round_ones[0]) if len(round_ones) == 1 and open_enough else None
+    power = 2.0 ** np.rint(np.log2(fewest))
+    return float(2.0 * np.pi / power) if fewest <= power <= most < fewest + _OPEN else None
 
 
 def _step(increments: Array) -> float | None:

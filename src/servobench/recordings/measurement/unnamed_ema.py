@@ -23,7 +23,17 @@ _SHORTEST, _LONGEST = 0.02, 0.98  # of β: less is no average, and more leaves n
 _WIDTH = 0.005  # of β, in which ratios are alike
 _FEWEST = 8  # ratios that are alike
 _TIMES = 3.0  # as many as in the windows beside it
-_USUAL = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.875, 0.9, 0.95)  # as sketches have them
+_USUAL = (
+    0.5,
+    0.6,
+    0.7,
+    0.75,
+    0.8,
+    0.85,
+    0.875,
+    0.9,
+    0.95,
+)  # what weights as sketches have them leave: 0.5, 0.4 ... 0.05
 _CANDIDATES = 3
 _QUIET = 0.25  # of the rows, those in which the speed changes least
 _SURE = 0.2  # of a count, that a row may be off at most
@@ -36,10 +46,17 @@ def decays(y: Array, dt: Array, step_of: Callable[[Array], float | None]) -> Ite
 
     `dt` (N - 1,) are the times between rows [s], and `step_of` says the quantum that increments (M,) are multiples of.
     """
-    for first in (*_frequent_ratios(np.diff(y)), *_USUAL):
-        refined = _refine(first, y, dt, step_of)
-        if refined is not None:
-            yield refined
+    frequent = _frequent_ratios(np.diff(y))
+    usual = (each for each in _USUAL if all(abs(each - other) > _WIDTH for other in frequent))
+    changes = np.abs(np.diff(y)) * dt
+    quiet = changes <= np.quantile(changes, _QUIET)
+    for first in (*frequent, *usual):
+        increments = _increments(first, y, dt)[quiet]
+        # With all of a float's digits the increments are a grid as they are; what a print rounds is one about its centres.
+        for quantum in (step_of(increments), step_of(_centres(increments))):
+            refined = None if quantum is None else _refine(first, quantum, y, dt)
+            if refined is not None and quantum is not None:
+                yield refined, quantum
 
 
 def _frequent_ratios(differences: Array) -> list[float]:
@@ -68,18 +85,9 @@ def _within(ordered: Array, centres: Array, half: float) -> NDArray[np.int64]:
     return np.asarray(ends - np.searchsorted(ordered, centres - half, "left"), dtype=np.int64)
 
 
-def _refine(
-    decay: float, y: Array, dt: Array, step_of: Callable[[Array], float | None]
-) -> tuple[float, float] | None:
-    """The decay near a first one with which rows are whole numbers of counts, and their quantum.
-
-    None where the rows that hang on it least aren't, or where no row says more of it than is known.
-    """
+def _refine(decay: float, quantum: float, y: Array, dt: Array) -> float | None:
+    """The decay near a first one with which rows are whole numbers of a quantum; None where no row says more than is known."""
     changes = np.abs(np.diff(y)) * dt
-    quiet = changes <= np.quantile(changes, _QUIET)
-    quantum = step_of(_centres(_increments(decay, y, dt)[quiet]))
-    if quantum is None:
-        return None
     open_by = _WIDTH
     for _ in range(_ROUNDS):
         counts = _increments(decay, y, dt) / quantum
@@ -96,7 +104,7 @@ def _refine(
         if not _SHORTEST < decay < _LONGEST:
             return None
         open_by = max(4.0 * float(np.sqrt(np.mean(off[sure] ** 2) / power)), 1e-9)
-    return decay, quantum
+    return decay
 
 
 def _centres(x: Array) -> Array:
@@ -107,7 +115,9 @@ def _centres(x: Array) -> Array:
     if len(distances) < 2:
         return values
     at = int(np.argmax(distances[1:] / distances[:-1]))
-    group = np.concatenate([[0], np.cumsum(np.diff(values) > np.sqrt(distances[at] * distances[at + 1]))])
+    group = np.concatenate(
+        [[0], np.cumsum(np.diff(values) > np.sqrt(distances[at]) * np.sqrt(distances[at + 1]))]
+    )
     return np.asarray((np.bincount(group, values) / np.bincount(group))[group])
 
 

@@ -49,20 +49,21 @@ def _about(fit: Fit) -> list[Finding]:
     findings: list[Finding] = []
     for record, predicted in zip(fit.records, as_predicted(fit).records, strict=True):
         visits = steady_speeds(record.data)
-        of_model = {visit.time: abs(visit.speed) for visit in steady_speeds(predicted.data)}
+        of_model = {visit.time: visit for visit in steady_speeds(predicted.data)}
         for sense in (1.0, -1.0):
             findings += _of(record.data, visits, _beside_model(_pairs(visits, sense), of_model))
     return findings
 
 
-def _beside_model(pairs: Sequence[_Pair], of_model: Mapping[float, float]) -> list[_Pair]:
-    """The pairs with what the model has of each difference; those whose speeds haven't settled in the model are left out."""
-    ends = [(pair, pair.from_below.time, pair.from_above.time) for pair in pairs]
-    return [
-        replace(pair, of_model=of_model[above] - of_model[below])
-        for pair, below, above in ends
-        if below in of_model and above in of_model
-    ]
+def _beside_model(pairs: Sequence[_Pair], of_model: Mapping[float, SteadySpeed]) -> list[_Pair]:
+    """The pairs with what the model has of each difference, where it has settled as well: else it is slow in place of a play."""
+    beside = []
+    for pair in pairs:
+        below, above = (of_model.get(visit.time) for visit in (pair.from_below, pair.from_above))
+        if below is not None and above is not None:
+            pair = replace(pair, of_model=_Pair(from_below=below, from_above=above).difference)
+        beside.append(pair)
+    return beside
 
 
 def _of(data: Dataset, visits: Sequence[SteadySpeed], pairs: Sequence[_Pair]) -> list[Finding]:

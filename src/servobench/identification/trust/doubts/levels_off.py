@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.core.finding import Finding, list_text, warning
-from servobench.core.rounding import with_unit
+from servobench.core.rounding import TWO_SIDED, with_unit
 from servobench.identification.estimators.base import Fit, as_predicted, fit_percent
 from servobench.identification.models.motion import is_ramp, smooth_speed
 from servobench.identification.models.steady import speeds_by_level
@@ -31,8 +31,15 @@ _EXPLAINED = 90.0  # percent of the output: a model that explains so much has wh
 def _about(fit: Fit) -> list[Finding]:
     """The finding, unless a model with the friction of a motor shows the same: its speeds haven't settled, either."""
     findings = _bends(fit)
-    drives = "coulomb_voltage" in fit.model.names and fit.model["coulomb_voltage"] < 0.0
-    return [] if findings and not drives and _bends(as_predicted(fit)) else findings
+    return [] if findings and not _friction_drives(fit) and _bends(as_predicted(fit)) else findings
+
+
+def _friction_drives(fit: Fit) -> bool:
+    """Whether a fit's friction is below zero for certain: such a model has the bend of a driver."""
+    if "coulomb_voltage" not in fit.model.names:
+        return False
+    friction = fit["coulomb_voltage"]
+    return friction.value + TWO_SIDED * friction.sd < 0.0
 
 
 def _bends(fit: Fit) -> list[Finding]:

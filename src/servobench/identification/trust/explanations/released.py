@@ -18,13 +18,12 @@ from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
 from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.coasting import PARAMETERS
 from servobench.identification.trust.explanations.equation import with_extra
+from servobench.identification.trust.explanations.running_free import FREE, fine_times
 from servobench.recordings.measurement.dataset import Dataset
 
 _ZERO = 1e-3  # of the largest input: a smaller one is none
 _SEEN = 0.02  # of the rows, at least, in which the motor coasts, and in which it is driven
 _MOVES = 0.02  # of the largest speed: below it friction may hold the shaft
-_FREE = 0.5  # of what the winding brakes a motor with: as much of it has to be missing where a driver lets go
-_FINE = 8  # parts of a sample time, in which a speed that falls is held
 
 
 def _coast_at_zero(case: Case) -> CauseFit | None:
@@ -43,7 +42,7 @@ def _coast_at_zero(case: Case) -> CauseFit | None:
         ]
     )
     gain, braking = (float(free.coefficients[at]) for at in (1, 5))
-    if gain == 0 or braking < _FREE:
+    if gain == 0 or braking < FREE:
         return None
     sentence = (
         "While its input is zero the motor coasts: its driver switches off there and doesn't brake. Let it brake at zero duty "
@@ -68,15 +67,13 @@ def _moves(speed: Array) -> NDArray[np.bool_]:
 
 
 def _with_missing_brake(data: Dataset, by_speed: float) -> Dataset:
-    """The record of a motor that its driver brakes, with an input for what is missing: so many units of the input by speed."""
+    """The record with an input for the braking that is missing while the driver is off: so many units of the input by speed."""
     speed = smooth_speed(data)
-    steps = np.arange(_FINE) / _FINE
-    between = (data.t_output[:-1, None] + np.diff(data.t_output)[:, None] * steps).ravel()
 
     def brake_input(t: Array, u: Array) -> Array:
         return np.where(_is_off(u, data), by_speed * np.interp(t, data.t_output, speed), 0.0)
 
-    return with_extra(data, brake_input, between)
+    return with_extra(data, brake_input, fine_times(data))
 
 
 EXPLANATIONS.member("released")(_coast_at_zero)

@@ -20,7 +20,8 @@ _SEEN = 0.03  # of the rows, at least, in which the motor is let go of, and in w
 _FALLS = 0.75  # of these rows: nothing drives the motor there, so that it slows down
 _ROUNDS = 4  # in which the gain, and where the motor is let go of, agree
 _FINE = 8  # parts of a sample time, in which a speed that falls is held
-_FREE = 0.5  # of what the winding brakes a motor with: as much of it has to be missing where a driver lets go
+FREE = 0.5
+"""Of what the winding brakes a motor with: as much of it has to be missing where a driver lets go."""
 
 
 def _free_run(case: Case) -> CauseFit | None:
@@ -39,7 +40,7 @@ def _free_run(case: Case) -> CauseFit | None:
         free = _free(case, speeds, let_go)
     gain, braking, driving = (float(free.coefficients[at]) for at in (1, 5, 6))
     where = np.concatenate(let_go)
-    if gain == 0 or braking < _FREE or not _SEEN < float(np.mean(where)) < 1 - _SEEN:
+    if gain == 0 or braking < FREE or not _SEEN < float(np.mean(where)) < 1 - _SEEN:
         return None
     if float(np.mean(np.concatenate(falls)[where])) < _FALLS:
         return None
@@ -73,14 +74,18 @@ def _is_let_go(speed: Array, u: Array, gain: float) -> NDArray[np.bool_]:
 def _with_hold(data: Dataset, gain: float, braking: float, driving: float) -> Dataset:
     """The record of a motor that isn't let go of, with an input that takes the place of what it feels then."""
     speed = smooth_speed(data)
-    steps = np.arange(_FINE) / _FINE
-    between = (data.t_output[:-1, None] + np.diff(data.t_output)[:, None] * steps).ravel()
 
     def brake_input(t: Array, u: Array) -> Array:
         w = np.interp(t, data.t_output, speed)
         return np.where(_is_let_go(w, u, gain), (braking * w + driving * u) / gain, 0.0)
 
-    return with_extra(data, brake_input, between)
+    return with_extra(data, brake_input, fine_times(data))
+
+
+def fine_times(data: Dataset) -> Array:
+    """Return the times of a record's rows with seven between each two [s], at which a speed that falls is held."""
+    steps = np.arange(_FINE) / _FINE
+    return np.asarray((data.t_output[:-1, None] + np.diff(data.t_output)[:, None] * steps).ravel())
 
 
 EXPLANATIONS.member("running_free")(_free_run)
