@@ -83,7 +83,7 @@ def _with_hold(data: Dataset, gain: float, braking: float, driving: float) -> Da
 
 
 def fine_times(data: Dataset) -> Array:
-    """Return the times ((M - 1) · 8,) of a record's rows (M,) with seven between each two [s], at which a falling speed is held."""
+    """Return the times ((M - 1) · 8,) of rows (M,) with seven between each two [s], at which a falling speed is held."""
     steps = np.arange(_FINE) / _FINE
     return np.asarray((data.t_output[:-1, None] + np.diff(data.t_output)[:, None] * steps).ravel())
 
