@@ -35,9 +35,7 @@ _ANOTHER_BACK = -0.3
 _WORSE = 2.0  # a central difference that is summed from sample to sample is a mean of two counts, with √2 less rounding
 # Sample times: a torque moves a motor that forgets faster from sample to sample, as errors of its speeds move a sum.
 _SLOW = 2.0
-_NO_LAG = (
-    0.5  # sample times: a motor as fast as that goes to its end within two rows, and shows no lag of its own
-)
+_NO_LAG = 0.5  # sample times: a motor as fast as that is at its end within two rows
 _AHEAD = 0.25  # of a sample time: what the times of a row may be off by
 _STRUCTURES = {True: ("first_order_coulomb",), False: ("first_order_one_way", "first_order_one_way_rest")}
 _PRINTED = ("rad/s", "deg/s", "rpm", "rev/s")

@@ -34,6 +34,7 @@ _SAME = 1e-9  # of the range, or of a number: what differs less is the same valu
 _PRINTED = (
     0.02  # of the usual distance: what differs less is the same value, printed with its last digit up or down
 )
+_ENOUGH = 20_000  # rows that show the weight of an average
 _FEW = 20  # different numbers of counts in an interval, of a slow encoder
 
 
@@ -120,7 +121,7 @@ def _without_lowpass(data: Dataset, stage: Lowpass) -> Iterator[tuple[Array, int
 
 def _without_unnamed_ema(data: Dataset, steps: Array) -> Iterator[Summation]:
     """The sum of what an exponential average was taken of that nobody named, where the speed shows its weight."""
-    for decay, quantum in decays(data.y, steps, _step):
+    for decay, quantum in decays(data.y[:_ENOUGH], steps[: _ENOUGH - 1], _step):
         newest = (data.y[1:] - decay * data.y[:-1]) / (1.0 - decay)
         error = (1.0 + decay) / (1.0 - decay) * _half_a_digit(data) * float(steps.max())
         counts_and_quantum = whole_counts(newest * steps, data.position_unit, error, quantum)
@@ -190,9 +191,9 @@ def whole_counts(
     """Return whole numbers n (N,) and the quantum Q with increments (N,) = n Q to a twentieth of Q; None where there is none.
 
     Digits that were left out of the print put each increment off by an `error` at most, and leave Q open by a part of it; a Q of
-    one such digit is the print's own. An encoder has a whole number of counts in a turn
-    (`symbol` rad), and a count is 1 (`symbol` counts); where neither decides, and Q is open by more than a millionth, there is
-    None, too: the gain would be wrong by as much, whatever its interval says. `step` is Q as far as it is known already.
+    one such digit is the print's own. An encoder has a whole number of counts in a turn (`symbol` rad), and a count is 1
+    (`symbol` counts); where neither decides, and Q is open by more than a millionth, there is None, too: the gain would be wrong
+    by as much, whatever its interval says. `step` is Q as far as it is known already.
     """
     quantum = _step(increments) if step is None else step
     if quantum is None:

@@ -23,17 +23,8 @@ _SHORTEST, _LONGEST = 0.02, 0.98  # of β: less is no average, and more leaves n
 _WIDTH = 0.005  # of β, in which ratios are alike
 _FEWEST = 8  # ratios that are alike
 _TIMES = 3.0  # as many as in the windows beside it
-_USUAL = (
-    0.5,
-    0.6,
-    0.7,
-    0.75,
-    0.8,
-    0.85,
-    0.875,
-    0.9,
-    0.95,
-)  # what weights as sketches have them leave: 0.5, 0.4 ... 0.05
+# What is left by weights as sketches have them: 0.5, 0.4 ... 0.05.
+_USUAL = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.875, 0.9, 0.95)
 _CANDIDATES = 3
 _QUIET = 0.25  # of the rows, those in which the speed changes least
 _SURE = 0.2  # of a count, that a row may be off at most

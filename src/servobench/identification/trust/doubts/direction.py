@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,16 +47,22 @@ def _about(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names:
         return []
     findings: list[Finding] = []
-    for record, predicted in zip(fit.records, as_predicted(fit).records, strict=True):
+    for record in fit.records:
         visits = steady_speeds(record.data)
-        of_model = {visit.time: visit for visit in steady_speeds(predicted.data)}
         for sense in (1.0, -1.0):
-            findings += _of(record.data, visits, _beside_model(_pairs(visits, sense), of_model))
+            pairs = _pairs(visits, sense)
+            if _of(record.data, visits, pairs):
+                findings += _of(record.data, visits, _beside_model(pairs, replace(fit, records=(record,))))
     return findings
 
 
-def _beside_model(pairs: Sequence[_Pair], of_model: Mapping[float, SteadySpeed]) -> list[_Pair]:
-    """The pairs with what the model has of each difference, where it has settled as well: else it is slow in place of a play."""
+def _beside_model(pairs: Sequence[_Pair], fit: Fit) -> list[_Pair]:
+    """The pairs of a fit's only record with what its model has of each difference.
+
+    Where the model hasn't settled there is nothing to take off: it is slow in place of a play.
+    """
+    (predicted,) = as_predicted(fit).records
+    of_model = {visit.time: visit for visit in steady_speeds(predicted.data)}
     beside = []
     for pair in pairs:
         below, above = (of_model.get(visit.time) for visit in (pair.from_below, pair.from_above))
