@@ -10,7 +10,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.units import unit
 from servobench.recordings.measurement.base import Chain
-from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.dataset import Dataset, keep_with_data
 from servobench.recordings.measurement.derivative import Derivative
 from servobench.recordings.measurement.ema import Ema
 from servobench.recordings.measurement.grid import grid_step, last_decimal
@@ -146,6 +146,7 @@ def _lies_on_a_lattice(data: Dataset, steps: Array) -> bool:
     )
 
 
+@keep_with_data
 def _half_a_digit(data: Dataset) -> float:
     """Half of the last digit that a speed was recorded with, in its SI unit; 0 where it has all digits, or none is known."""
     if not data.recorded_unit:

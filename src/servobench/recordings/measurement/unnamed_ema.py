@@ -28,6 +28,7 @@ _USUAL = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.875, 0.9, 0.95)
 _CANDIDATES = 3
 _QUIET = 0.25  # of the rows, those in which the speed changes least
 _SURE = 0.2  # of a count, that a row may be off at most
+_SDS = 4.0  # standard deviations, within which β surely is
 _ROUNDS = 12
 _ROUNDING = 1e-9  # of the range
 
@@ -45,15 +46,14 @@ def decays(y: Array, dt: Array, step_of: Callable[[Array], float | None]) -> Ite
         increments = _increments(first, y, dt)[quiet]
         # With all of a float's digits the increments are a grid as they are; what a print rounds is one about its centres.
         for quantum in (step_of(increments), step_of(_centres(increments))):
-            refined = None if quantum is None else _refine(first, quantum, y, dt)
-            if refined is not None and quantum is not None:
+            if quantum is not None and (refined := _refine(first, quantum, y, dt)) is not None:
                 yield refined, quantum
 
 
 def _frequent_ratios(differences: Array) -> list[float]:
     """The ratios of neighbouring differences (N,) that occur far more often than those beside them."""
     before, after = differences[:-1], differences[1:]
-    large = np.abs(before) > 1e-9 * np.abs(differences).max(initial=0.0)
+    large = np.abs(before) > _ROUNDING * np.abs(differences).max(initial=0.0)
     ratios = np.sort(after[large] / before[large])
     ratios = ratios[(ratios > _SHORTEST) & (ratios < _LONGEST)]
     frequent: list[float] = []
@@ -78,23 +78,20 @@ def _within(ordered: Array, centres: Array, half: float) -> NDArray[np.int64]:
 
 def _refine(decay: float, quantum: float, y: Array, dt: Array) -> float | None:
     """The decay near a first one with which rows are whole numbers of a quantum; None where no row says more than is known."""
-    changes = np.abs(np.diff(y)) * dt
+    changes = np.diff(y) * dt
     open_by = _WIDTH
     for _ in range(_ROUNDS):
         counts = _increments(decay, y, dt) / quantum
         slope = changes / (1.0 - decay) ** 2 / quantum  # counts by β
         off = counts - np.rint(counts)
-        sure = (slope * open_by < _SURE) & (np.abs(off) < _SURE)
-        if sure.sum() < _FEWEST:
+        sure = (np.abs(slope) * open_by < _SURE) & (np.abs(off) < _SURE)
+        power = float(slope[sure] @ slope[sure])
+        if sure.sum() < _FEWEST or power == 0.0:
             return None
-        signed = slope[sure] * np.sign(np.diff(y)[sure])
-        power = float(signed @ signed)
-        if power == 0.0:
-            return None
-        decay -= float(signed @ off[sure]) / power
+        decay -= float(slope[sure] @ off[sure]) / power
         if not _SHORTEST < decay < _LONGEST:
             return None
-        open_by = max(4.0 * float(np.sqrt(np.mean(off[sure] ** 2) / power)), 1e-9)
+        open_by = max(_SDS * float(np.sqrt(np.mean(off[sure] ** 2) / power)), _ROUNDING)
     return decay
 
 
